@@ -70,10 +70,6 @@ def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> Non
     assert check_problem(answer, 422, "invalid-request")["errors"][0]["hint"] == "did you mean precision?"
 
 
-def test_a_schema_that_is_misspelt_at_the_command(refused: Any) -> None:
-    assert "did you mean design? one of design, validation" in refused("schema", "desgin")
-
-
 @pytest.mark.parametrize(
     ("method", "path", "meant"),
     [
@@ -98,9 +94,10 @@ def test_a_route_that_is_misspelt_is_answered_with_the_nearest(
         assert verb.lower() in listed[template]
 
 
-def test_a_schema_that_is_misspelt_is_answered_with_the_nearest(client: httpx.Client) -> None:
+def test_a_schema_that_is_misspelt_is_answered_with_the_nearest(client: httpx.Client, refused: Any) -> None:
     found = check_problem(client.get("/v1/schemas/desgin"), 404, "not-found")
     assert found["errors"][0]["hint"] == "did you mean design?"
+    assert "did you mean design? one of design, validation" in refused("schema", "desgin")
 
 
 WITHOUT_LINE_ENDS = b"label,x_mm,y_mm,z_mm" + b"".join(b"F%d,%d,0,5" % (k, 10 * k) for k in range(8))

@@ -136,9 +136,15 @@ def test_beads_in_a_turned_part_are_read_and_moved_in_the_connectors_frame(cours
         assert max(math.dist(read[label], expected[label]) for label in expected) < 1e-9
 
 
-def test_a_bead_that_the_design_fixes_by_its_label_stays(course: dict[str, Any]) -> None:
+def test_what_is_fixed_or_held_by_an_expression_stays(course: dict[str, Any]) -> None:
     drawn = points_of(course["design"])
     assert [label for label, position in course["held"].items() if position == drawn[label]] == ["F8"]
+    assert course["refused"]["driven"].startswith("F4 went back to where it was")
+    assert course["refused"]["as it was"]
+    quiet = load_design(course["design"])
+    for view in ("AP", "LAT"):
+        quiet = quiet.with_value(f"views.{view}.fiducial_noise_px", 0.15)
+    assert course["refused"]["expression"]["p95_mm"] == score(quiet).targets[0].p95_mm
 
 
 @pytest.mark.parametrize(
@@ -156,18 +162,6 @@ def test_what_cannot_be_scored_is_said_in_the_sheet(course: dict[str, Any], case
     assert words in shown["remark"]
     assert shown["p95_mm"] is None
     assert shown["remark"] in shown["cell"]  # in place of the number
-
-
-def test_a_cell_may_hold_an_expression(course: dict[str, Any]) -> None:
-    quiet = load_design(course["design"])
-    for view in ("AP", "LAT"):
-        quiet = quiet.with_value(f"views.{view}.fiducial_noise_px", 0.15)
-    assert course["refused"]["expression"]["p95_mm"] == score(quiet).targets[0].p95_mm
-
-
-def test_a_bead_that_an_expression_holds_is_named_and_nothing_is_moved(course: dict[str, Any]) -> None:
-    assert course["refused"]["driven"].startswith("F4 went back to where it was")
-    assert course["refused"]["as it was"]
 
 
 def test_without_a_service_it_says_how_to_start_one_and_nothing_waits(course: dict[str, Any]) -> None:

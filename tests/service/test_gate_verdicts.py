@@ -99,10 +99,15 @@ def test_a_requirement_may_be_called_like_a_rule(name: str) -> None:
     assert of_the_policy.message.startswith("p95, target tip: P95 of the error at the tool is ")
 
 
-def test_nothing_to_judge_is_no_pass() -> None:
+def test_nothing_to_judge_and_a_text_that_is_no_path_are_no_pass() -> None:
     record = gate(bare())
     assert (record.verdict, record.exit_code) == ("not evaluated", 3)
     assert [finding.rule for finding in record.findings] == ["not-evaluated"]
+    with pytest.raises(RefusedAt, match="a mapping of fields"):
+        admit_gate({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
+    body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 3}
+    with pytest.raises(LimitError, match="2 designs at most"):
+        admit_gate(body, today=TODAY, max_designs=2)
 
 
 def test_a_design_that_determines_nothing_leaves_with_3_whatever_the_others_do() -> None:
@@ -126,11 +131,6 @@ def test_an_invalid_design_is_refused_at_the_door_and_found_by_the_gate() -> Non
     assert (record.verdict, record.exit_code) == ("not evaluated", 2)
     assert {finding.rule for finding in record.findings} == {"invalid-design"}
     assert any(finding.line == 3 for finding in record.findings)
-
-
-def test_text_is_never_taken_for_a_path() -> None:
-    with pytest.raises(RefusedAt, match="a mapping of fields"):
-        admit_gate({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
 
 
 def test_limits_of_the_policy_are_held_against_every_target() -> None:
@@ -351,10 +351,6 @@ def test_an_implausible_value_is_a_warning_that_a_policy_can_make_an_error() -> 
     assert found(severity="off") == (0, [])
 
 
-def test_the_remarks_that_a_policy_can_name_are_those_of_the_solver() -> None:
-    assert set(get_args(Implausible)) == set(PLAUSIBILITY)
-
-
 def test_the_first_class_that_matches_changes_single_fields() -> None:
     classes = [
         {"name": "loose", "files": ["d1.*"], "rules": {"p95": {"severity": "warning"}}},
@@ -370,13 +366,17 @@ def test_the_first_class_that_matches_changes_single_fields() -> None:
     assert judge(admit_gate({**given, "mode": "analytic"}, today=TODAY).gate).designs[0].design_class == "loose"
 
 
-def test_a_waiver_suppresses_and_stays_visible() -> None:
+def test_a_waiver_suppresses_stays_visible_and_holds_on_its_last_day() -> None:
     record = gate(limited(0.5 * P95), waivers=waivers(waiver()))
     assert (record.verdict, record.exit_code) == ("pass", 0)
     (finding,) = of_rule(record, "p95")
     assert finding.suppressed_by is not None
     assert "J. Doe" in finding.suppressed_by
     assert "first article" in finding.suppressed_by
+    for day in ("2026-11-21", "2027-05-20"):
+        assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires=day))).exit_code == 0
+    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.2 * P95))).exit_code == 0
+    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.0001 * P95))).exit_code == 4
 
 
 @pytest.mark.parametrize(
@@ -396,16 +396,6 @@ def test_an_expired_waiver_fails_even_a_design_that_passes(more: dict[str, Any])
     record = gate(limited(2 * P95), waivers=waivers(waiver(expires="2026-11-20")), **more)
     assert (record.verdict, record.exit_code) == ("fail", 1)
     assert [finding.rule for finding in record.findings] == ["waiver-expired"]
-
-
-@pytest.mark.parametrize("day", ["2026-11-21", "2027-05-20"], ids=["its last day", "180 days ahead"])
-def test_a_waiver_holds_on_its_last_day_and_may_be_of_180_days(day: str) -> None:
-    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires=day))).exit_code == 0
-
-
-def test_a_waiver_of_the_limit_covers_the_open_question_about_it() -> None:
-    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.2 * P95))).exit_code == 0
-    assert gate(limited(P95), waivers=waivers(waiver(max_value=1.0001 * P95))).exit_code == 4
 
 
 def test_regressions_beyond_what_is_allowed_fail() -> None:
@@ -524,19 +514,14 @@ def test_what_cannot_be_used_is_refused_at_its_place(
     assert refused.value.exit_code == 2
 
 
-def test_too_many_designs_are_refused() -> None:
-    body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 3}
-    with pytest.raises(LimitError, match="2 designs at most"):
-        admit_gate(body, today=TODAY, max_designs=2)
-
-
-def test_rules_and_policy_name_the_same_rules() -> None:
+def test_rules_policy_and_solver_name_the_same() -> None:
     from tailstack_service.gate.policy import Rules
 
     names = {info.alias or name for name, info in Rules.model_fields.items()}
     assert names == set(RULES) - {"invalid-design", "invalid-input", "not-evaluated"}
     for name, info in Rules.model_fields.items():
         assert getattr(Rules(), name).severity == RULES[info.alias or name].severity
+    assert set(get_args(Implausible)) == set(PLAUSIBILITY)
 
 
 def test_a_limit_that_a_loss_breaks_is_a_finding_where_the_policy_asks() -> None:

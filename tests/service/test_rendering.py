@@ -158,16 +158,13 @@ def test_a_number_and_its_unit_stay_on_one_line() -> None:
         assert not [line for line in lines if re.match(r"(mm|%|px)\b|%", line)]
 
 
-def test_budget_lines_are_grouped_and_sorted_by_share() -> None:
+def test_budget_lines_are_grouped_and_what_is_known_has_a_row_of_its_own() -> None:
     contributors = (
         line("noise", "all", 0.2), line("seat", "rx", 0.1), line("seat", "ry", 0.3), line("seat", "all", 0.4),
         line("arm", "tx", 0.25),
     )  # fmt: skip
     found = [(total.name, [part.component for part in parts]) for total, parts in group(contributors)]
     assert found == [("seat", ["ry", "rx"]), ("arm", []), ("noise", [])]
-
-
-def test_what_is_known_of_a_source_has_a_row_of_its_own_beside_what_varies() -> None:
     known = replace(line("seat", "known", 0.0), law="known")
     found = [
         (total.component, [part.component for part in parts])
@@ -195,12 +192,9 @@ def requirements_text(verdict: Verdict) -> str:
     return write_table(table, above=True)
 
 
-def test_checks_show_value_interval_limit_and_status() -> None:
+def test_checks_show_value_interval_limit_and_status_and_a_yield_what_is_required() -> None:
     last = requirements_text(judged(check("pass"))).split("\n")[-1].split()
     assert last == ["tip", "entry", "P95", "1.25", "1.20", "1.30", "1.50", "+0.20", "pass"]
-
-
-def test_a_yield_is_shown_against_what_is_required() -> None:
     units = {"risk": "per_unit", "yield_fraction": 0.9, "min_yield": 0.95}
     failing = check("fail", requirement="each", interval=(1.55, 1.6), value=1.57, **units)
     with write_on(Page(120, details=True)):
@@ -311,7 +305,7 @@ def test_the_cost_is_the_sum_of_its_parts() -> None:
     assert "(fiducials)" not in detailed(full_result(cost_after=1000.0))
 
 
-def test_positions_before_and_after_of_what_changed_only() -> None:
+def test_positions_that_changed_closed_forms_and_many_optima_are_shown_as_such() -> None:
     text = write_table(moved_table(full_result()))
     assert row_of(text, "F1") == ["F1", "0.00", "0.00", "0.00", "3.00", "4.00", "0.00", "5.00"]
     assert row_of(text, "F3") == ["F3", "-", "-", "-", "9.00", "8.00", "7.00", "new"]
@@ -319,6 +313,18 @@ def test_positions_before_and_after_of_what_changed_only() -> None:
     assert "F2" not in text
     pivot = detailed(full_result())
     assert row_of(pivot, "carrier on connector, two dowel pins  ")[-2:] == ["-80.00", "15.00"]
+    # closed form: the half-widths alone, 400 + 350 + 250, not the fiducials' 120.
+    text = " ".join(detailed(full_result()).split())
+    said = (
+        "1101.5 by the smooth closed form, 1107.2 by the exact law, 1000.0 with the margin of the check, grades chosen"
+    )
+    assert f"Cost of the half-widths: {said}" in text
+    result = full_result()
+    optima = tuple(replace(result.certificate.optima[0], objective=1000.0 + k) for k in range(9))
+    text = detailed(replace(result, certificate=replace(result.certificate, optima=optima)))
+    assert "(the first 5 of 9)" in " ".join(text.split())
+    assert "1004.0" in text
+    assert "1005.0" not in text
 
 
 def tolerances_in_detail(result: Any) -> str:
@@ -345,24 +351,6 @@ def test_counts_front_and_optima() -> None:
     assert row_of(text, "0.500") == ["0.500", "-", "-", "-", "out of reach"]
     assert "front: 0.5000 mm: the smallest P95 found is 0.61 mm" in text
     assert row_of(text, "   1130.0") == ["1130.0", "2", "3", "12.25"]
-
-
-def test_the_closed_form_is_compared_with_its_like() -> None:
-    """closed form: the half-widths alone, 400 + 350 + 250, not the fiducials' 120."""
-    text = " ".join(detailed(full_result()).split())
-    said = (
-        "1101.5 by the smooth closed form, 1107.2 by the exact law, 1000.0 with the margin of the check, grades chosen"
-    )
-    assert f"Cost of the half-widths: {said}" in text
-
-
-def test_many_optima_are_cut_and_counted() -> None:
-    result = full_result()
-    optima = tuple(replace(result.certificate.optima[0], objective=1000.0 + k) for k in range(9))
-    text = detailed(replace(result, certificate=replace(result.certificate, optima=optima)))
-    assert "(the first 5 of 9)" in " ".join(text.split())
-    assert "1004.0" in text
-    assert "1005.0" not in text
 
 
 def test_what_was_not_asked_for_is_not_there() -> None:

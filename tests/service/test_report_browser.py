@@ -76,24 +76,16 @@ def seen(browser: None, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[
 
 
 @pytest.mark.long
-def test_pages_open_from_a_file_without_any_request_or_message(
+def test_pages_open_from_a_file_shut_nobody_out_and_fit_their_screen(
     seen: dict[tuple[str, str, int], dict[str, Any]],
 ) -> None:
     for name, found in seen.items():
         assert found["messages"] == [], name
         assert len(found["requests"]) == 1, name
         assert found["failed"] == [], name
-
-
-@pytest.mark.long
-def test_nobody_is_shut_out(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
-    """oracle: axe-core, WCAG 2.0 to 2.2, A and AA, and that no two regions have one name."""
+    # oracle: axe-core, WCAG 2.0 to 2.2, A and AA, and that no two regions have one name.
     for name, found in seen.items():
         assert found["violations"] == [], name
-
-
-@pytest.mark.long
-def test_no_page_is_wider_than_its_screen(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
     for name, found in seen.items():
         assert found["width"] <= name[2], name
 
@@ -388,7 +380,7 @@ def test_zoom_pan_wheel_and_back(viewed: Seen) -> None:
     assert answer(viewed, 8).startswith("Seen from azimuth −62°, elevation 20° of con; ")
 
 
-def test_layers_extents_and_names(viewed: Seen) -> None:
+def test_layers_extents_and_names_and_the_picture_in_print(viewed: Seen) -> None:
     assert answer(viewed, 9) == []
     assert len(answer(viewed, 10)) == 12
     near, far = (float(answer(viewed, k).split("; ")[1].split()[0]) for k in (8, 12))
@@ -396,9 +388,6 @@ def test_layers_extents_and_names(viewed: Seen) -> None:
     assert answer(viewed, 13) == ["Oblique", "Whole set-up"]
     assert answer(viewed, 14) == 0  # a hostile name is a name
     assert answer(viewed, 15) == "none"  # the picture on paper
-
-
-def test_print_shows_the_picture(viewed: Seen) -> None:
     assert viewed[0][1]["answers"] == [["none", "block"]]
 
 

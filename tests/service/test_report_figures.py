@@ -410,15 +410,12 @@ def test_a_small_cluster_is_drawn_once_more_enlarged() -> None:
     assert large[0] > 2 * small[0]
 
 
-def test_an_unknown_image_size_is_said() -> None:
+def test_an_unknown_image_size_and_a_layout_before_are_drawn_as_such() -> None:
     data = json.loads(json.dumps(example("locators_321").source.data))
     for view in data["views"]:
         del view["image_size_px"]
     root = check_picture(draw_images(load_design(data), "x"))
     assert any("not stated" in str(entry.text) for entry in root.iter(f"{SVG}text"))
-
-
-def test_images_of_a_layout_before_have_lines_to_what_moved() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     for entry in data["fiducials"]["points"][:4]:
         entry["position_mm"][2] += 10

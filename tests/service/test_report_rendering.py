@@ -113,12 +113,15 @@ class Page(HTMLParser):
 # --- the record -----------------------------------------------------------------------------------
 
 
-def test_its_parts_are_what_the_verbs_answer(report: Report) -> None:
+def test_its_parts_and_the_design_in_it_are_what_the_verbs_answer(report: Report, body: bytes) -> None:
     design = load_design(limited(0.9))
     assert report.score == score(design)
     assert report.verification == verify(design, trials=20_000, seed=3)
     assert report.optimisation is None
     assert load_design(report.design).sha256 == design.sha256 == report.provenance.design_sha256
+    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")))
+    lines = [str(row[0].value or "") for row in book["Design"].iter_rows(min_row=2)]
+    assert load_design("\n".join(lines) + "\n").sha256 == report.provenance.design_sha256
 
 
 def test_the_headline_says_the_verdict_with_its_numbers(report: Report) -> None:
@@ -313,12 +316,6 @@ def sheet(page: Any) -> tuple[list[str], list[list[Any]]]:
             break
         body.append(row[: len(heads)])
     return heads, body
-
-
-def test_the_design_in_the_spreadsheet_is_the_design(report: Report, body: bytes) -> None:
-    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")))
-    lines = [str(row[0].value or "") for row in book["Design"].iter_rows(min_row=2)]
-    assert load_design("\n".join(lines) + "\n").sha256 == report.provenance.design_sha256
 
 
 def test_no_text_becomes_a_formula() -> None:

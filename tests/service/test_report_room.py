@@ -48,23 +48,17 @@ def test_at_its_limit_a_tolerance_gives_the_limit(limit_mm: float) -> None:
     assert again.targets[0].p95_mm == pytest.approx(limit_mm, rel=1e-6)
 
 
-def test_the_noise_of_a_view_has_room_as_well() -> None:
+def test_noise_has_room_and_what_cannot_help_or_has_no_requirement_has_none() -> None:
     design = limited(0.9)
     found = of(reported(design), "fiducial_noise:AP", "all")
     assert found.at_limit is not None
     design["views"][0]["fiducial_noise_px"] = found.at_limit
     assert score(load_design(design)).targets[0].p95_mm == pytest.approx(0.9, rel=1e-6)
-
-
-def test_a_tolerance_that_cannot_help_says_so() -> None:
     design = limited(0.1)
     found = of(reported(design), "structure_connector", "rx")
     assert (found.status, found.at_limit, found.slack) == ("zero is not enough", None, None)
     assert score(load_design(with_width(design, "rx", 0.0))).targets[0].p95_mm > 0.1
     assert "not even at zero" in " ".join(what_binds(reported(design).score, reported(design).allowances))
-
-
-def test_without_a_requirement_there_is_no_room() -> None:
     design = small_design(requirements=None, optimise=None)
     assert {entry.status for entry in reported(design).allowances} == {"no requirement"}
 

@@ -18,15 +18,9 @@ def check(kind: str, now: dict[str, list[str]]) -> None:
     assert list(now) == list(LISTED[kind]), "python .ci/release/surface.py adds what is new"
 
 
-def test_names_of_the_library_and_their_parameters() -> None:
+def test_names_flags_and_documents_are_those_that_are_listed() -> None:
     check("python", surface.python_names())
-
-
-def test_flags_of_every_verb() -> None:
     check("flags", surface.flags())
-
-
-def test_every_record_and_document_has_its_entry() -> None:
     assert list(LISTED["fields"]) == sorted({*surface.RECORDS, *surface.DOCUMENTS})
 
 

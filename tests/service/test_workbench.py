@@ -211,10 +211,11 @@ def test_the_half_width_that_slack_allows_gives_the_limit(service: Served) -> No
 
 
 @pytest.mark.long
-def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
+def test_sliders_stop_at_grades_and_arrows_move_a_bead(service: Served) -> None:
     design = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
     pointer = "interfaces/structure_connector/tolerances/rx/half_width_deg"
     assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
+    assert used(service.url, "keys")["found"] == [1, 10, 0.1]
 
 
 @pytest.mark.long
@@ -301,11 +302,6 @@ def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     assert "F2" in found["differences"]
     assert "7.25" in found["differences"]
     assert re.search(r"1\.14 [▲▼] 0\.\d{3}\t–", found["row"])  # against the estimate of now; none is simulated
-
-
-@pytest.mark.long
-def test_arrows_move_a_bead_by_one_ten_and_a_tenth_of_a_millimetre(service: Served) -> None:
-    assert used(service.url, "keys")["found"] == [1, 10, 0.1]
 
 
 # --- strange and large designs -------------------------------------------------------------------------------------

@@ -56,13 +56,15 @@ def test_every_place_of_every_example_can_be_assumed_and_is_taken_off_where_it_i
         )
 
 
-def test_a_pointer_to_a_section_covers_each_number_below_it_and_no_text() -> None:
+def test_a_pointer_to_a_section_covers_each_number_and_text_written_back_says_the_same() -> None:
     seats = list_assumed(assuming("/interfaces"))
     numbers = {at for at, value in walk(DEMO["interfaces"], "/interfaces") if is_leaf(value)}
     texts = {at for at, value in walk(DEMO["interfaces"], "/interfaces") if isinstance(value, str)}
     elements = {at for at in numbers if at.rsplit("/", 1)[0] in numbers}
     assert set(seats) == numbers - texts - elements
     assert list_assumed(assuming("/views/0/name")) == ("/views/0/name",)
+    data = assuming("/interfaces", "/views/0/fiducial_noise_px")
+    assert yaml.safe_load(design_to_yaml(load_design(data)))["assumed"] == data["assumed"]
 
 
 @pytest.mark.parametrize(
@@ -137,11 +139,6 @@ def test_no_number_depends_on_the_list_and_the_answer_names_each_value() -> None
     assert rest_of(("/targets/0/position_mm",)) == "on 1 assumed value"
     assert f"{count} values that nobody stated ({count - 1} in interfaces, 1 in targets)" in assumed._repr_html_()
     assert assumed_sentence(()) == rest_of(()) == ""
-
-
-def test_text_written_back_says_the_same() -> None:
-    data = assuming("/interfaces", "/views/0/fiducial_noise_px")
-    assert yaml.safe_load(design_to_yaml(load_design(data)))["assumed"] == data["assumed"]
 
 
 def test_an_optimum_is_written_into_its_authors_text_comments_and_all() -> None:

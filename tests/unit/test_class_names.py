@@ -75,19 +75,16 @@ def consumers() -> dict[str, list[ast.Match]]:
     return {name: matches for name, matches in found.items() if matches}
 
 
-def test_every_match_on_a_place_ends_in_assert_never() -> None:
+def test_every_match_on_a_place_ends_in_assert_never_and_none_is_compared_by_number() -> None:
     assert {"system.py", "propagation/linear.py", "propagation/systematic.py", "montecarlo/plan.py"} <= set(consumers())
     for name, matches in consumers().items():
         for node in matches:
             last = node.cases[-1]
             assert "assert_never(" in ast.unparse(last), (name, node.lineno)
-
-
-def test_no_place_is_compared_by_its_number() -> None:
     for name, tree in trees().items():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Compare) and "Place." in ast.unparse(node):
-                assert all(isinstance(each, ast.Is | ast.IsNot) for each in node.ops), (name, node.lineno)
+        for part in ast.walk(tree):
+            if isinstance(part, ast.Compare) and "Place." in ast.unparse(part):
+                assert all(isinstance(each, ast.Is | ast.IsNot) for each in part.ops), (name, part.lineno)
 
 
 @pytest.mark.long

@@ -87,19 +87,13 @@ def test_refusals(text, code, line):
     assert "\t" not in text or "tab" in problem.hint
 
 
-def test_json_syntax_has_line_and_column():
+def test_json_has_lines_and_columns_and_is_read_as_json():
     problem = refused('{"a": 1,\n  "b": }', form="json")
     assert (problem.code, problem.line, problem.column) == ("json-syntax", 2, 8)
-
-
-def test_alias_bomb_is_counted_not_built():
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * 9) + "]" for i in range(1, 12)]
-    assert refused("\n".join(lines)).code == "too-complex"
-
-
-def test_aliases_of_ordinary_size_are_values():
-    assert read("a: &x {h: 1}\nb: *x\n").data == {"a": {"h": 1}, "b": {"h": 1}}
+    text = '{"a": "x\u2028y\x85",\n "b": 1}'
+    source = read_text(text, DEFAULT_LIMITS, file="d.json", directory=None, form="json")
+    assert source.data == {"a": "x\u2028y\x85", "b": 1}
+    assert source.locate(("b",)) == (2, 7)
 
 
 def test_places_are_lines_and_columns_of_values_and_keys():
@@ -160,11 +154,15 @@ def test_whole_numbers_beyond_every_range_are_numbers_of_that_size(digits, value
         assert read("[1" + "0" * (digits - 1) + "]", form).data == [value]
 
 
-def test_limits_are_stated():
+def test_limits_are_stated_and_an_alias_bomb_is_counted_not_built():
     with pytest.raises(LimitError, match="1000 characters"):
         read("a: " + "x" * 2000, limits=Limits(document_bytes=1000))
     with pytest.raises(LimitError, match="more than 10 values"):
         read("[" + "1," * 20 + "]", limits=Limits(nodes=10))
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [" + ", ".join([f"*a{i - 1}"] * 9) + "]" for i in range(1, 12)]
+    assert refused("\n".join(lines)).code == "too-complex"
+    assert read("a: &x {h: 1}\nb: *x\n").data == {"a": {"h": 1}, "b": {"h": 1}}
 
 
 @pytest.mark.parametrize(
@@ -285,13 +283,6 @@ def test_as_many_stand_ins_as_are_wanted():
     """Characters that a text holds already are not taken for those that it must not be read_or_code by."""
     taken = "".join(map(chr, range(0xE000, 0xF900)))
     assert read_or_code(f'a: "{taken}\u2028{taken}\x85"\n').data == {"a": f"{taken}\u2028{taken}\x85"}
-
-
-def test_json_is_read_as_json_and_has_places():
-    text = '{"a": "x\u2028y\x85",\n "b": 1}'
-    source = read_text(text, DEFAULT_LIMITS, file="d.json", directory=None, form="json")
-    assert source.data == {"a": "x\u2028y\x85", "b": 1}
-    assert source.locate(("b",)) == (2, 7)
 
 
 def test_what_is_not_shown_is_written_as_an_escape_and_comes_back():

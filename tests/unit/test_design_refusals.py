@@ -213,7 +213,7 @@ def test_file_references_stay_beside_the_design(tmp_path, name, code):
     assert (problem.pointer, problem.code) == ("/fiducials/file", code)
 
 
-def test_a_service_reads_no_files(tmp_path):
+def test_a_service_reads_no_files_and_what_is_no_file_is_none(tmp_path):
     (tmp_path / "beads.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\n")
     data = replaced(DEMO, ("fiducials",), {"file": "beads.csv"})
     assert load_design(data | {"optimise": DEMO["optimise"]}, base_directory=tmp_path).fiducials.labels == ("A",)
@@ -221,9 +221,6 @@ def test_a_service_reads_no_files(tmp_path):
         problem = problems_of(load_design, data, base_directory=directory, allow_files=allowed, error=DesignError)[0]
         assert problem.code == "file-refused"
         assert "inline" in problem.hint
-
-
-def test_paths_that_are_no_file(tmp_path):
     for path in (tmp_path, tmp_path / "none.yaml", Path("/dev/null"), "no-such-design", "a\0b"):
         with pytest.raises(DesignError):
             load_design(path)

@@ -215,16 +215,16 @@ def test_what_is_turned_otherwise_is_left_by_name(other: str) -> None:
     ]  # fmt: skip
 
 
-def test_half_of_a_turned_circle_does_not_close() -> None:
-    half = product(80, "HALF", [100]) + turned(100).replace("(#106,#107)", "(#106)")
-    assert [body.reason for body in read(text_of(ONE + half)).bodies] == ["", "its faces do not close"]
-
-
-def test_a_ball_given_twice_is_taken_once() -> None:
+def test_a_turned_circle_is_a_ball_where_it_closes_and_one_given_twice_is_taken_once() -> None:
     data = product(10, "beads", [20, 30]) + ball(20, (0.0, 0.0, 0.0), 1.5) + ball(30, (0.0, 1e-4, 0.0), 1.5)
     reading = read(text_of(data))
     assert reading.fiducials.positions_mm == ((0.0, 0.0, 0.0),)
     assert "twice at one place" in reading.notes[0]
+    half = product(80, "HALF", [100]) + turned(100).replace("(#106,#107)", "(#106)")
+    assert [body.reason for body in read(text_of(ONE + half)).bodies] == ["", "its faces do not close"]
+    value = math.pi * 10
+    data = product(10, "B", [20]) + ball(20, (value, -value / 3, value / 7), 1.5)
+    assert read(text_of(data)).fiducials.positions_mm == ((value, -value / 3, value / 7),)
 
 
 @pytest.mark.parametrize(
@@ -272,9 +272,11 @@ def test_what_is_only_called_like_a_relationship_is_none(kind: str) -> None:
     assert read(named.encode()).fiducials.positions_mm == read(text.encode()).fiducials.positions_mm
 
 
-def test_an_inch_of_another_length_is_refused() -> None:
+def test_an_inch_of_another_length_and_seats_that_make_no_six_locators_are_refused() -> None:
     with pytest.raises(StepError, match=r"INCH is 25.4 mm; #1 makes it 2.54 mm"):
         read(text_of(ONE, unit=INCH.replace("25.4", "2.54")))
+    with pytest.raises(StepError, match=r"2 seats and 2 pins .* make 5 contacts"):
+        read(carrier(), seats="S[12]", pins="P*")
 
 
 @pytest.mark.parametrize(
@@ -343,11 +345,6 @@ def carrier() -> bytes:
     return text_of(product(10, "carrier", items) + data)
 
 
-def test_seats_and_pins_that_make_no_six_locators_are_refused() -> None:
-    with pytest.raises(StepError, match=r"2 seats and 2 pins .* make 5 contacts"):
-        read(carrier(), seats="S[12]", pins="P*")
-
-
 def test_a_base_keeps_everything_but_the_fiducials() -> None:
     base = load_design(convert(carrier(), "a.step", "b.json").text.replace("{", _design_head(), 1))
     shifted = carrier().replace(b"-38.0", b"-39.0")
@@ -370,12 +367,6 @@ def _design_head() -> str:
         '{"schema": "tailstack/design/1", "name": "carrier", "targets": [{"name": "tip", "position_mm": [0, 0, 90]}], '
         f'"views": [{{"name": "AP", "orientation": "AP", {view}}}, {{"name": "LAT", "orientation": "LAT", {view}}}],'
     )
-
-
-def test_every_digit_of_the_file_arrives() -> None:
-    value = math.pi * 10
-    data = product(10, "B", [20]) + ball(20, (value, -value / 3, value / 7), 1.5)
-    assert read(text_of(data)).fiducials.positions_mm == ((value, -value / 3, value / 7),)
 
 
 FOLDER = Path(__file__).parents[1] / "data" / "step"

@@ -50,10 +50,22 @@ def test_full_rotation_is_the_product_of_three_matrix_exponentials(angles):
     np.testing.assert_allclose(rotation_xyz(np.array(angles)), independent, atol=4e-15)
 
 
-def test_small_angle_form_is_identity_plus_cross_product():
+def test_small_angles_torsors_and_quaternions_are_those_of_others():
     angles, v = np.array([0.01, -0.02, 0.03]), np.array([3.0, -5.0, 7.0])
     closed_form = v + np.cross(angles, v)
     np.testing.assert_allclose(rotation_xyz(angles, RotationForm.SMALL_ANGLE) @ v, closed_form, rtol=1e-15)
+    case = json.loads((ORACLES / "rigid_bias_exact.json").read_text())
+    torsor = np.array([*np.deg2rad([1.0, -0.5, 2.0]), 2.0, -1.0, 3.0])
+    transform = torsor_transform(torsor, np.array([0.0, 0.0, -95.0]))
+    np.testing.assert_allclose(transform, case["T_err1"], atol=1e-13)
+    wxyz = np.random.default_rng(4).normal(size=(20, 4))
+    for q in wxyz:
+        expected = Rotation.from_quat(np.roll(q, -1)).as_matrix()
+        np.testing.assert_allclose(rotation_from_quaternion(q), expected, atol=1e-14)
+    assert rigidity_defect(rotation_xyz(np.array([0.3, 0.2, 0.1]))) < 1e-15
+    assert rigidity_defect(1.01 * np.eye(3)) == pytest.approx(0.0201)
+    assert rigidity_defect(np.diag([1.0, 1.0, -1.0])) == np.inf
+    assert rigid_transform(np.eye(3), np.ones(3))[2, 3] == 1.0
 
 
 @pytest.mark.parametrize("form", list(RotationForm))
@@ -76,13 +88,6 @@ def test_derivatives_agree_with_central_differences(form, values, point):
             np.testing.assert_allclose(rotation_derivatives(torsor[:3], form)[k], finite, atol=1e-9)
 
 
-def test_torsor_matches_the_matrix_of_the_oracle():
-    case = json.loads((ORACLES / "rigid_bias_exact.json").read_text())
-    torsor = np.array([*np.deg2rad([1.0, -0.5, 2.0]), 2.0, -1.0, 3.0])
-    transform = torsor_transform(torsor, np.array([0.0, 0.0, -95.0]))
-    np.testing.assert_allclose(transform, case["T_err1"], atol=1e-13)
-
-
 def test_leading_dimensions_are_a_batch():
     torsors = np.random.default_rng(2).normal(size=(4, 5, 6))
     pivot = np.array([1.0, 2.0, 3.0])
@@ -94,20 +99,6 @@ def test_leading_dimensions_are_a_batch():
     np.testing.assert_allclose(
         transform_points(batch, points)[1, 1, 4], transform_points(batch[1, 1], points[4]), atol=1e-14
     )
-
-
-def test_quaternion_agrees_with_scipy():
-    wxyz = np.random.default_rng(4).normal(size=(20, 4))
-    for q in wxyz:
-        expected = Rotation.from_quat(np.roll(q, -1)).as_matrix()
-        np.testing.assert_allclose(rotation_from_quaternion(q), expected, atol=1e-14)
-
-
-def test_rigidity_defect_sees_scale_and_reflection():
-    assert rigidity_defect(rotation_xyz(np.array([0.3, 0.2, 0.1]))) < 1e-15
-    assert rigidity_defect(1.01 * np.eye(3)) == pytest.approx(0.0201)
-    assert rigidity_defect(np.diag([1.0, 1.0, -1.0])) == np.inf
-    assert rigid_transform(np.eye(3), np.ones(3))[2, 3] == 1.0
 
 
 @pytest.mark.parametrize("form", list(RotationForm))
@@ -147,7 +138,7 @@ def test_projection_is_where_the_ray_meets_the_detector(beam, up, point):
     assert abs(np.linalg.norm(matrix[2, :3]) - 1) < 1e-14
 
 
-def test_scaling_takes_sign_and_size_out_of_a_matrix():
+def test_a_matrix_is_scaled_by_sign_and_size_and_may_be_skewed():
     centre = image_centre_px((1536, 1536))
     matrix = projection_from_distances(
         1020.0, 700.0, (0.194, 0.194), centre, np.zeros(3), np.array([0.0, 1.0, 0.0]), UP
@@ -155,9 +146,6 @@ def test_scaling_takes_sign_and_size_out_of_a_matrix():
     points = np.random.default_rng(0).uniform(-50, 50, (9, 3))
     points[0] = [0.0, -900.0, 0.0]  # one point behind the source must not flip the others
     np.testing.assert_allclose(scale_to_unit_depth(-3.7 * matrix, points), matrix, rtol=1e-13, atol=1e-9)
-
-
-def test_skewed_intrinsics():
     k = intrinsic_matrix((4000.0, 4100.0), (600.0, 500.0), 3.0)
     matrix = projection_from_pose(k, aim(np.array([0.0, -500.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP))
     image = matrix @ [10.0, 0.0, -20.0, 1.0]  # camera coordinates (10, 20, 500)

@@ -50,8 +50,17 @@ def in_plane(count, normal, seed=1, size=50.0):
     return points - np.outer(points @ normal, normal)
 
 
-def test_a_good_layout_has_no_findings():
+def test_a_good_layout_has_no_findings_and_a_flat_one_its_thickness():
     assert check_geometry(system_of(CUBE)) == ()
+    points = CUBE.copy()
+    points[:, 2] = np.where(points[:, 2] > -40, 2.5, -2.5)
+    (finding,) = check_geometry(system_of(points))
+    assert (finding.rule, finding.severity, finding.value) == ("flat-structure", "warning", pytest.approx(5.0))
+    bias = mount("structure_connector", bias=(0, 0, 0, 0, 0, -30.0))
+    system = system_of(CUBE, structure_connector=bias)
+    np.testing.assert_allclose(imaged_fiducials(system), CUBE + np.array([0, 0, -30]))
+    assert refused(system).code == "outside-view"
+    assert check_geometry(replace(system, reading=Reading.EQ18)) == ()
 
 
 @pytest.mark.parametrize(
@@ -83,13 +92,6 @@ def test_a_plane_is_one_by_its_thickness_over_its_length(size):
             assert refused(system_of(points)).code == "coplanar-fiducials"
         else:
             assert "flat-structure" in rules(system_of(points))
-
-
-def test_a_flat_structure_is_scored_with_its_thickness():
-    points = CUBE.copy()
-    points[:, 2] = np.where(points[:, 2] > -40, 2.5, -2.5)
-    (finding,) = check_geometry(system_of(points))
-    assert (finding.rule, finding.severity, finding.value) == ("flat-structure", "warning", pytest.approx(5.0))
 
 
 def test_all_but_one_in_a_plane():
@@ -132,14 +134,6 @@ def test_behind_the_source_and_outside_the_image():
     assert "(768, -359)" in problem.detail
     shifted = CUBE + np.array([0, 0, -60])
     assert "fiducial F1" in refused(system_of(shifted)).detail
-
-
-def test_visibility_is_judged_where_the_structure_really_is():
-    bias = mount("structure_connector", bias=(0, 0, 0, 0, 0, -30.0))
-    system = system_of(CUBE, structure_connector=bias)
-    np.testing.assert_allclose(imaged_fiducials(system), CUBE + np.array([0, 0, -30]))
-    assert refused(system).code == "outside-view"
-    assert check_geometry(replace(system, reading=Reading.EQ18)) == ()
 
 
 @pytest.mark.parametrize(
@@ -210,9 +204,10 @@ def test_closest_pair_is_the_brute_force_one(points):
     assert np.linalg.norm(array[first] - array[second]) == distance
 
 
-def test_fewer_than_two_points_are_not_close():
+def test_fewer_than_two_points_are_not_close_and_points_of_no_size_keep_ten_pixels():
     assert closest_two(np.zeros((1, 3))) == (0, 0, np.inf)
     assert closest_two(np.array([[0.0, 0], [np.nan, 0], [3, 4]])) == (0, 2, 5.0)
+    assert {check.closest_pair_needs_px for check in check_views(system_of(CUBE))} == {10.0}
 
 
 def test_points_are_seen_where_they_are_projected():
@@ -312,10 +307,6 @@ def test_images_of_balls_need_their_size_and_some_background(diameter):
         assert (found[0].value, found[0].limit) == (check.closest_pair_px, check.closest_pair_needs_px)
 
 
-def test_points_of_no_size_keep_ten_pixels():
-    assert {check.closest_pair_needs_px for check in check_views(system_of(CUBE))} == {10.0}
-
-
 def test_of_balls_the_pair_is_named_that_is_nearest_to_merging():
     """closed form: two pairs as far apart in the image; the one nearer to the source has the wider shadows."""
     points = CUBE.copy()
@@ -388,13 +379,10 @@ def test_a_small_plane_seen_head_on_is_refused_with_the_two_poses(azimuth):
     assert (squares[1][known] < squares[0][known]).mean() > 0.001  # as often as the refused tolerates
 
 
-def test_weights_of_views_without_noise_are_refused():
+def test_weights_need_noise_and_a_score_says_what_is_taken_for_exact():
     views = with_noise(0.0, azimuths_rad=(0.0, 1.5))
     said = refused(system_of(cube_fiducials(50), views=views, triangulation=Triangulation.WEIGHTED))
     assert (said.code, said.pointer) == ("no-noise", "/views/0")
-
-
-def test_a_score_says_what_its_estimator_takes_for_exact():
     system = system_of(cube_fiducials(50), views=with_noise(0.5))
     exact = score(replace(system, estimator=Estimator.POSE)).provenance
     assert exact.estimator == "pose"
@@ -428,10 +416,13 @@ def test_a_fiducial_that_no_view_sees_is_as_good_as_left_out():
     assert score(load_design(seen(LABELS, LABELS))).targets[0].p95_mm == score(load_design(DEMO)).targets[0].p95_mm
 
 
-def test_what_one_view_does_not_see_costs_less_than_what_none_sees():
+def test_what_one_view_does_not_see_costs_less_and_changes_no_number():
     whole, one, none = (score(load_design(seen(*each))).targets[0].p95_mm for each in
                         ((None, None), (REST, None), (REST, REST)))  # fmt: skip
     assert whole < one < none
+    data = seen(LABELS, None)
+    data["optimise"]["count"] = {"min": 8, "max": 10}
+    assert "count-and-sees" in [problem.code for problem in problems_of(load_design, data, error=DesignError)]
 
 
 def test_a_fiducial_that_is_not_seen_may_lie_outside_the_image():
@@ -453,9 +444,3 @@ def test_a_flat_share_of_the_structure_is_refused_where_it_is_listed():
     problem = problems_of(check_design, load_design(data), error=IllPosedError)[0]
     assert (problem.pointer, problem.code) == ("/views/1/sees", "coplanar-fiducials")
     assert problem.detail.startswith("view LAT: ")
-
-
-def test_their_number_does_not_change_under_a_view_that_lists_them():
-    data = seen(LABELS, None)
-    data["optimise"]["count"] = {"min": 8, "max": 10}
-    assert "count-and-sees" in [problem.code for problem in problems_of(load_design, data, error=DesignError)]

@@ -320,15 +320,12 @@ def test_a_document_says_how_often_beads_are_missed():
     assert (own.smallest_loss_probability, own.largest_loss_probability) == (0.01, 0.2)
 
 
-def test_what_is_missed_leaves_the_list_of_what_is_not_included_where_it_is_computed():
+def test_what_is_missed_leaves_the_list_and_what_is_not_declared_the_hash():
     line = "fiducials mistaken for one another"
     assert line in score(missed()).provenance.not_included
     assert line in score(missed(), losses=False).provenance.not_included
     assert f"{line} or missed" in score(load_design(DEMO)).provenance.not_included
-
-
-def test_documents_that_say_nothing_of_it_keep_their_hash():
-    """published: the hash of the example as the release before computed it."""
+    # published: the hash of the example as the release before computed it.
     assert load_design(DEMO).sha256.startswith("3327b36a89bd246a")
     assert missed().sha256 != load_design(DEMO).sha256
 

@@ -237,14 +237,6 @@ def test_shots_left_without_an_answer_count_as_beyond_and_are_told():
     assert text_of(check)
 
 
-def test_a_quantile_without_a_bound_is_refused_with_the_share_of_shots_that_have_no_answer():
-    problem = problems_of(verify, missed(system_of(SEVEN), 0.1), error=IllPosedError)[0]
-    assert (problem.pointer, problem.code) == ("/fiducials/loss_probability", "no-bound")
-    assert "no bound that 95 % of shots keep" in problem.detail
-    with pytest.raises(IllPosedError, match="of 2000 shots miss so many fiducials that they have no answer"):
-        verify(missed(system_of(SEVEN), 0.97), trials=2000)
-
-
 @pytest.mark.long
 def test_a_unit_misses_beads_shot_by_shot():
     """A requirement on each unit: its own shots differ in what they miss, and it comes to more than without misses."""
@@ -260,9 +252,14 @@ def test_a_unit_misses_beads_shot_by_shot():
     assert often > 1.01 * plain
 
 
-def test_radial_sampling_is_refused_where_beads_are_missed():
+def test_radial_sampling_and_a_quantile_without_a_bound_are_refused():
     with pytest.raises(OutOfRangeError, match="how often fiducials are missed"):
         verify(missed(cios_system(), 0.01), method="radial")
+    problem = problems_of(verify, missed(system_of(SEVEN), 0.1), error=IllPosedError)[0]
+    assert (problem.pointer, problem.code) == ("/fiducials/loss_probability", "no-bound")
+    assert "no bound that 95 % of shots keep" in problem.detail
+    with pytest.raises(IllPosedError, match="of 2000 shots miss so many fiducials that they have no answer"):
+        verify(missed(system_of(SEVEN), 0.97), trials=2000)
 
 
 @pytest.mark.long

@@ -458,41 +458,29 @@ def test_words_are_xoshiro_seeded_by_splitmix() -> None:
         assert z[row, 36:39].tolist() == expected
 
 
-def test_normals_have_normal_moments(normals: np.ndarray) -> None:
+def test_normals_are_normal_as_far_as_they_should_be_and_independent(normals: np.ndarray) -> None:
     """2e6 deviates; each of four moments within 5 standard errors: error rate 2.3e-6."""
     x = normals.ravel()
     for power, expected, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
         assert abs((x**power).mean() - expected) < 5 * np.sqrt(variance / x.size)
-
-
-def test_normals_pass_kolmogorov_smirnov(normals: np.ndarray) -> None:
-    """Whole sample and each column against N(0, 1); smallest of 51 p-values above 1e-6: error rate 5e-5."""
+    # Whole sample and each column against N(0, 1); smallest of 51 p-values above 1e-6: error rate 5e-5.
     p = [stats.kstest(normals.ravel()[::4], "norm").pvalue]
     p += [stats.kstest(normals[:, k], "norm").pvalue for k in range(50)]
     assert min(p) > 1e-6
-
-
-def test_tails_reach_as_far_as_they_should(normals: np.ndarray) -> None:
-    """Counts beyond 3, 4 and 4.5 against their Poisson law; error rate 3e-6."""
+    # Counts beyond 3, 4 and 4.5 against their Poisson law; error rate 3e-6.
     x = np.abs(normals.ravel())
     for limit in (3.0, 4.0, 4.5):
         count, mean = int((x > limit).sum()), 2 * x.size * stats.norm.sf(limit)
         assert min(stats.poisson.cdf(count, mean), stats.poisson.sf(count - 1, mean)) > 5e-7
-
-
-def test_columns_are_uncorrelated(normals: np.ndarray) -> None:
-    """1,225 correlations of columns and of their squares, and of neighbours in a pair; error rate 2.5e-4."""
+    # 1,225 correlations of columns and of their squares, and of neighbours in a pair; error rate 2.5e-4.
     for values in (normals, normals**2):
         correlation = np.corrcoef(values.T)[np.triu_indices(50, 1)]
         assert np.abs(correlation).max() < stats.norm.isf(5e-8) / np.sqrt(TRIALS)
-
-
-@pytest.mark.parametrize("lag", [1, 2, 7, 8, 64])
-def test_neighbouring_trials_are_independent(normals: np.ndarray, lag: int) -> None:
-    """Same column, ``lag`` trials apart, values and squares: error rate 6e-7 each."""
-    for values in (normals, normals**2 - 1):
-        products = (values[:-lag] * values[lag:]).ravel()
-        assert abs(products.mean()) < 5 * products.std() / np.sqrt(products.size)
+    # Same column, ``lag`` trials apart, values and squares: error rate 6e-7 each.
+    for lag in (1, 2, 7, 8, 64):
+        for values in (normals, normals**2 - 1):
+            products = (values[:-lag] * values[lag:]).ravel()
+            assert abs(products.mean()) < 5 * products.std() / np.sqrt(products.size)
 
 
 def test_neighbouring_seeds_and_streams_are_independent(normals: np.ndarray) -> None:
@@ -524,7 +512,7 @@ def test_uniform_and_triangular_laws() -> None:
                 assert stats.kstest(z[:, k], law.cdf).pvalue > 1e-6
 
 
-def test_a_trial_is_its_index() -> None:
+def test_a_trial_is_its_index_and_a_seed_of_any_size_but_not_negative() -> None:
     """Drawn alone, in any order, in any company: the same deviates."""
     plan = compile_plan(cios_system(manufacturing_half_width_mm=read_only(np.full((12, 3), 0.02))))
     every = draw(plan, 77, np.arange(100))
@@ -532,9 +520,6 @@ def test_a_trial_is_its_index() -> None:
     np.testing.assert_array_equal(draw(plan, 77, order), every[order])
     for index in (0, 9, 99):
         np.testing.assert_array_equal(draw(plan, 77, np.array([index]))[0], every[index])
-
-
-def test_seeds_of_any_size_but_not_negative() -> None:
     plan = compile_plan(cube8_system())
     first = [draw(plan, seed, np.array([0]))[0, 0] for seed in (0, 1, 2**63, 2**64, 2**64 + 1, 2**200)]
     assert len(set(first)) == 6

@@ -62,24 +62,18 @@ def of_norms(samples: Samples, norms: np.ndarray) -> Samples:
     return replace(samples, trials=len(norms), errors=(fake, samples.errors[1]))
 
 
-def test_oracle_ranks() -> None:
+def test_ranks_are_those_of_the_oracle_cover_and_are_tight() -> None:
     """Closed form (binomial)."""
     case = json.loads((ORACLES / "order_statistics.json").read_text())
     for trials, ranks in case["p95_two_sided_95_ranks"].items():
         assert list(interval_ranks(int(trials), 0.95, 0.95)) == ranks
-
-
-def test_ranks_cover_and_are_tight() -> None:
-    """Closed form: at least the stated confidence, less with either end moved inwards by its share."""
+    # Closed form: at least the stated confidence, less with either end moved inwards by its share.
     for trials, q, confidence in ((100, 0.9, 0.95), (6000, 0.999, 0.99), (777, 0.5, 0.9)):
         low, high = interval_ranks(trials, q, confidence)
         law = stats.binom(trials, q)
         assert law.cdf(high - 1) - law.cdf(low - 1) >= confidence
         assert law.sf(low - 1) >= 1 - (1 - confidence) / 2 > law.sf(low)
         assert law.cdf(high - 1) >= 1 - (1 - confidence) / 2 > law.cdf(high - 2)
-
-
-def test_too_few_trials_are_refused() -> None:
     with pytest.raises(OutOfRangeError, match="at least 72 trials"):
         interval_ranks(71, 0.95, 0.95)
     interval_ranks(73, 0.95, 0.95)
@@ -325,10 +319,15 @@ def test_beyond_the_limit_it_is_decided_and_hardly_ever_wrongly(beyond: float) -
     assert right > 0.97 * runs
 
 
-def test_far_from_the_limit_the_first_look_decides() -> None:
+def test_the_first_look_decides_far_from_the_limit_and_few_trials_have_no_end() -> None:
     kept, missed, _ = outcomes(decision_looks(8192), 0.95, 0.95, 1 - 0.05 * 0.8, 20_000, 22)
     assert kept / 20_000 > 0.97
     assert missed == 0
+    plan = compile_plan(cios_system())
+    samples = simulate(plan, trials=8192, seed=1, quantile=0.95)
+    value, (low, high) = interval_so_far(samples, Goal(0, "tcp", 0.9999), 0.95)
+    assert high == float("inf")
+    assert 0 < low <= value
 
 
 def test_all_intervals_hold_together() -> None:
@@ -343,14 +342,6 @@ def test_all_intervals_hold_together() -> None:
         assert high is not None
         inside &= (below[:, k] >= low) & (below[:, k] < high)
     assert exact_interval(int(inside.sum()), len(inside))[1] >= 0.95
-
-
-def test_what_has_no_order_statistic_yet_has_no_end() -> None:
-    plan = compile_plan(cios_system())
-    samples = simulate(plan, trials=8192, seed=1, quantile=0.95)
-    value, (low, high) = interval_so_far(samples, Goal(0, "tcp", 0.9999), 0.95)
-    assert high == float("inf")
-    assert 0 < low <= value
 
 
 def test_the_interval_of_the_tails_mean_holds() -> None:

@@ -95,11 +95,14 @@ def test_bounds_over_spectra(p):
         assert ratios.max() > 1.018  # the excess is not larger than it must be
 
 
-def test_constants_of_p95():
+def test_the_programme_is_disciplined_and_its_constants_are_those_of_p95():
     """published: chi-square tables; and the plain constant q_1 - 1 is too small at p = 0.9, so it is not used there."""
     assert frobenius_constant(0.95) == pytest.approx(ONE - 1, rel=1e-12)
     assert 3 + (chi2.ppf(0.9, 1) - 1) * sqrt(3) < 0.96 * chi2.ppf(0.9, 3)
     assert squared_bound(np.eye(3)[None], 0.9)[0] == pytest.approx(chi2.ppf(0.9, 3), rel=1e-12)
+    # independent: cvxpy's own rules: convex, and affine in its parameters, so that a re-solve compiles nothing.
+    problem = allocation._programme(2, (False, True, False)).problem
+    assert problem.is_dcp(dpp=True)
 
 
 @pytest.mark.parametrize("p", [0.8, 0.95, 0.999])
@@ -223,12 +226,6 @@ def test_programmes_are_compiled_once_and_solved_again_as_if_fresh():
     for a, b, c in zip(fresh, again, one_by_one, strict=True):
         assert a.half_width == pytest.approx(b.half_width, rel=1e-9)
         assert a.cost == pytest.approx(c.cost, rel=1e-12)
-
-
-def test_programme_is_disciplined_and_parametrised():
-    """independent: cvxpy's own rules: convex, and affine in its parameters, so that a re-solve compiles nothing."""
-    problem = allocation._programme(2, (False, True, False)).problem
-    assert problem.is_dcp(dpp=True)
 
 
 def test_loose_limit_leaves_every_tolerance_at_its_largest():
@@ -411,16 +408,13 @@ def test_stopped_early_the_bracket_is_honest():
     assert unproven > 10
 
 
-def test_a_wish_to_stop_is_heard_before_the_next_evaluation():
+def test_a_wish_to_stop_is_heard_and_no_assignment_is_evaluated_twice():
     """closed form: one evaluation, that of the tightest grades."""
     rng = np.random.default_rng(0)
     prices, ratio = random_prices(rng, 5, 5), not_separable(rng, 5)
     assert cheapest(prices, ratio) is not None
     assert choose_grades(prices, ratio, stop=lambda: True).evaluations == 1
-
-
-def test_no_assignment_is_evaluated_twice():
-    """independent: the calls are recorded; there are fewer of them than combinations."""
+    # independent: the calls are recorded; there are fewer of them than combinations.
     rng = np.random.default_rng(6)
     prices, ratio, calls = random_prices(rng, 5, 5), separable(rng, 5), []
     found = choose_grades(prices, lambda h: calls.append(tuple(h)) or ratio(h))
@@ -428,17 +422,14 @@ def test_no_assignment_is_evaluated_twice():
     assert len(calls) < np.prod([len(price.grades) for price in prices]) / 4
 
 
-def test_everything_loosest_and_only_one_grade():
+def test_one_grade_and_grades_that_are_too_loose():
     """closed form: within the limit at the loosest grades nothing is searched; free grades cost nothing."""
     prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 3
     found = choose_grades(prices, lambda h: float(h.max()))
     assert (found.names, found.cost, found.proven, found.evaluations) == (("rough",) * 3, 3.0, True, 2)
     free = choose_grades([of_grades((PricedGrade("as it comes", 0.1, 0.0),))], lambda h: float(h.max()))
     assert (free.cost, free.lower_bound, free.gap_percent, free.proven) == (0.0, 0.0, 0.0, True)
-
-
-def test_tightest_grades_over_the_limit_are_refused():
-    """closed form: the ratio at the tightest grades is in the message."""
+    # closed form: the ratio at the tightest grades is in the message.
     prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 2
     with pytest.raises(InfeasibleError, match=r"is 1\.25 times its limit"):
         choose_grades(prices, lambda h: float(h.sum()) / 0.16)

@@ -395,9 +395,12 @@ def test_a_layout_that_hardly_matters_is_a_warning() -> None:
     assert finding.value == pytest.approx(floor, rel=1e-5)
 
 
-def test_the_findings_are_part_of_the_record() -> None:
+def test_findings_are_in_the_record_and_nothing_is_said_of_what_acts_or_was_made_better() -> None:
     data = document(**moving())
     assert optimised(data).influence == influence(load_design(data))
+    pivot = {"interface": FLANGE, "box": {"min_mm": [0, 0, -145], "max_mm": [0, 0, -60]}}
+    assert influence(load_design(document(pivots=[pivot], rotation_bounds=DEG))) == ()
+    assert optimised(asked("tolerances alone")).as_it_stood == ""
 
 
 def test_a_half_width_without_lever_goes_to_its_loosest() -> None:
@@ -439,11 +442,6 @@ def test_an_idle_pivot_is_said_and_alone_refused() -> None:
     del data["optimise"]["tolerances"]
     with pytest.raises(DesignError, match="nothing that is free acts"):
         influence(load_design(data))
-
-
-def test_a_free_thing_that_acts_is_not_remarked_on() -> None:
-    pivot = {"interface": FLANGE, "box": {"min_mm": [0, 0, -145], "max_mm": [0, 0, -60]}}
-    assert influence(load_design(document(pivots=[pivot], rotation_bounds=DEG))) == ()
 
 
 def test_an_undetermined_layout_has_no_influence_to_compare() -> None:
@@ -580,10 +578,6 @@ def test_the_first_sentence_says_what_lies_outside_and_what_that_costs() -> None
     assert answer.as_it_stood.startswith(f"The design as it stands lies outside of what is asked for: {words};")
     assert answer.as_it_stood.endswith("Within it, cost goes from 2292 to 4584 (+100 %).")
     assert answer.outline().sentence.startswith(answer.as_it_stood)
-
-
-def test_nothing_is_said_of_a_design_inside_that_was_made_better() -> None:
-    assert optimised(asked("tolerances alone")).as_it_stood == ""
 
 
 def test_a_design_that_costs_less_and_misses_its_limit_is_no_answer() -> None:

@@ -195,12 +195,18 @@ def test_fixed_fiducials_must_keep_the_spacing_among_themselves() -> None:
     assert "3 mm" in refused.detail
 
 
-def test_a_layout_that_cannot_matter_is_refused() -> None:
+def test_a_layout_and_a_factor_that_cannot_matter_are_refused() -> None:
     problem = oracle_problem()
     silent = replace(problem.system, views=with_noise(0.0, target_px=0.5))
     assert _refused(replace(problem, system=silent)).code == "no-influence"
     made = replace(silent, manufacturing_half_width_mm=read_only(np.full((8, 3), 0.01)))
     refuse_contradictions(replace(problem, system=made))
+    zero = _present(oracle_problem(), 2, 0.0)
+    refuse_contradictions(zero)
+    refuse_contradictions(replace(zero, objective="quantile", cost_limit=1e4))
+    refused = _refused(replace(zero, objective="scaling"))
+    assert (refused.pointer, refused.code) == ("/optimise/tolerances", "zero-half-width")
+    assert "structure_connector rz" in refused.detail
 
 
 def _present(problem: PlacementProblem, component: int, half_width_deg: float) -> PlacementProblem:
@@ -210,15 +216,6 @@ def _present(problem: PlacementProblem, component: int, half_width_deg: float) -
     widths[component] = np.deg2rad(half_width_deg)
     sources = replace(first.sources, half_width=read_only(widths))
     return replace(problem, system=replace(problem.system, structure_connector=replace(first, sources=sources)))
-
-
-def test_a_factor_on_a_tolerance_of_zero_is_refused_and_only_that() -> None:
-    zero = _present(oracle_problem(), 2, 0.0)
-    refuse_contradictions(zero)
-    refuse_contradictions(replace(zero, objective="quantile", cost_limit=1e4))
-    refused = _refused(replace(zero, objective="scaling"))
-    assert (refused.pointer, refused.code) == ("/optimise/tolerances", "zero-half-width")
-    assert "structure_connector rz" in refused.detail
 
 
 def test_one_factor_must_suit_every_tolerance() -> None:

@@ -255,16 +255,13 @@ def test_turns_are_the_roots_of_unity(order: int) -> None:
     np.testing.assert_allclose(after, points, atol=1e-11)
 
 
-def test_regions_are_the_same_when_their_numbers_are() -> None:
-    """closed form: four regions, of which the first and the third are equal."""
+def test_corners_of_a_box_and_regions_of_equal_numbers() -> None:
+    """closed form: every choice of low or high, once."""
+    corners = {tuple(corner) for corner in regions.corners(np.array([[0.0, 1.0, 2.0], [10.0, 11.0, 12.0]]))}
+    assert corners == {(x, y, z) for x in (0.0, 10.0) for y in (1.0, 11.0) for z in (2.0, 12.0)}
+    # closed form: four regions, of which the first and the third are equal.
     box = BoxRegion(np.zeros(3), np.ones(3))
     shapes: list[Shape] = [box, Ball(np.zeros(3), 1.0), BoxRegion(np.zeros(3), np.ones(3)), Ball(np.zeros(3), 1.0, 0.5)]
     found, which = regions.distinct(shapes)
     assert which == (0, 1, 0, 2)
     assert [type(shape) for shape in found] == [BoxRegion, Ball, Ball]
-
-
-def test_corners_of_a_box() -> None:
-    """closed form: every choice of low or high, once."""
-    found = {tuple(corner) for corner in regions.corners(np.array([[0.0, 1.0, 2.0], [10.0, 11.0, 12.0]]))}
-    assert found == {(x, y, z) for x in (0.0, 10.0) for y in (1.0, 11.0) for z in (2.0, 12.0)}

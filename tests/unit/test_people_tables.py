@@ -86,12 +86,9 @@ def test_a_row_of_fcsv_has_the_cells_of_its_format(row: str, said: str | None) -
         assert said in detail
 
 
-def test_a_name_may_stand_in_the_id_of_fcsv() -> None:
+def test_a_name_may_stand_in_the_id_of_fcsv_and_a_remark_is_counted() -> None:
     rows = "tip,1,2,3,0,0,0,1,1,1,0,,,,2,0\nvtkMRMLMarkupsFiducialNode_1,4,5,6,0,0,0,1,1,1,0,,,,2,0\n"
     assert read(FCSV + rows, "b.fcsv").labels == ("tip", "F2")
-
-
-def test_a_remark_in_fcsv_is_counted() -> None:
     found = read(FCSV + "# measured anew\n1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n", "b.fcsv")
     assert any("1 row was left out" in note and "line 4" in note for note in found.notes)
 
@@ -123,45 +120,44 @@ def test_slicer_s_table_says_its_system_and_what_is_defined() -> None:
     assert "LPS" in refused("# CoordinateSystem = RAS\n" + "label,l,p,s\nA,1,2,3\n")[1]
 
 
-def test_content_says_what_a_file_is() -> None:
+def test_content_says_what_a_file_is_and_a_refusal_what_was_left_out() -> None:
     content = (FILES / "points.json").read_bytes()
     assert read(content, "points.csv").positions_mm == BEADS
     assert convert(content, "points.json", "b.csv").fiducials.positions_mm == BEADS
     assert read((FILES / "good.fcsv").read_bytes(), "good.csv").positions_mm == BEADS
-
-
-def test_markups_of_another_type_are_remarked() -> None:
-    content = (FILES / "points.json").read_bytes().replace(b'"type": "Fiducial"', b'"type": "ClosedCurve"')
-    assert any("ClosedCurve" in note for note in read(content, "points.mrk.json").notes)
-
-
-def test_a_list_without_a_point_is_told_to_place_them() -> None:
-    """And not that curl dropped its line ends: Slicer's files may be one line."""
-    markup = {"type": "Fiducial", "controlPoints": [{"label": "A", "positionStatus": "preview"}]}
-    _, detail, hint = refused(json.dumps({"markups": [markup]}), "b.mrk.json")
-    assert (detail[-11:], hint) == ("A (preview)", "place the points and save the file again")
-
-
-def test_coefficients_of_dltdv_are_told_what_they_are() -> None:
-    _, detail, hint = refused("".join(f"{k},{k / 3}\n" for k in range(11)))
-    assert "a column for each camera as DLTdv has them" in detail
-    assert hint.endswith("[[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 1]]")
-
-
-def test_a_refusal_says_what_was_left_out() -> None:
     data = replaced(replaced(DEMO, ("optimise",), REMOVED), ("fiducials",), {"file": "some.mrk.json"})
     said = " ".join(map(str, problems_of(check_design, load_design(data, base_directory=FILES))))
     assert "5 points were left out" in said
     assert "A4 (preview)" in said
 
 
+def test_files_of_another_kind_are_told_what_they_are() -> None:
+    content = (FILES / "points.json").read_bytes().replace(b'"type": "Fiducial"', b'"type": "ClosedCurve"')
+    assert any("ClosedCurve" in note for note in read(content, "points.mrk.json").notes)
+    # And not that curl dropped its line ends: Slicer's files may be one line.
+    markup = {"type": "Fiducial", "controlPoints": [{"label": "A", "positionStatus": "preview"}]}
+    _, detail, hint = refused(json.dumps({"markups": [markup]}), "b.mrk.json")
+    assert (detail[-11:], hint) == ("A (preview)", "place the points and save the file again")
+    _, detail, hint = refused("".join(f"{k},{k / 3}\n" for k in range(11)))
+    assert "a column for each camera as DLTdv has them" in detail
+    assert hint.endswith("[[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 1]]")
+
+
 # --- rows that begin with #, what is missing --------------------------------------------------------------
 
 
-def test_beads_may_be_called_by_a_number_sign() -> None:
+def test_beads_are_named_and_units_stated_in_many_ways() -> None:
     found = read_file("some_hash.csv")
     assert (len(found.labels), found.labels[-2:]) == (10, ("#9", "#10"))
     assert found.notes == ()
+    assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
+    assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")
+    assert split_heading("trial no") == ("trial no", "")
+    # closed form: an inch is 25.4 mm; - and 1 are what a column without a unit has.
+    rows = "label;x;y;z\n-;in;in;in\nA;1,5;2;3\n"
+    assert read(rows).positions_mm == ((1.5 * 25.4, 2 * 25.4, 3 * 25.4),)
+    measured = read_measurements(f"{rows.replace('label', 'trial')}B;1;2;3\nC;1;2;4\n".encode(), ("tip",), "b.csv")
+    assert measured.groups[0].values_mm[0].tolist() == [1.5 * 25.4, 2 * 25.4, 3 * 25.4]
 
 
 def test_a_row_with_the_cells_of_the_header_is_data_or_refused() -> None:
@@ -232,20 +228,6 @@ def test_a_row_that_sums_up_the_others_is_no_fiducial_and_no_trial(label: str) -
     with pytest.raises(TailstackError, match="would count as one more trial"):
         read_measurements(f"trial,x_mm,y_mm,z_mm\n1,1,2,3\n{label},1,2,3\n".encode(), ("tip",), "bench.csv")
     assert read_fiducials(b"label,x_mm,y_mm,z_mm\nmean 1,1,2,3\n", "b.csv", DEFAULT_LIMITS).labels == ("mean 1",)
-
-
-def test_units_in_a_row_are_read_alike() -> None:
-    """closed form: an inch is 25.4 mm; - and 1 are what a column without a unit has."""
-    rows = "label;x;y;z\n-;in;in;in\nA;1,5;2;3\n"
-    assert read(rows).positions_mm == ((1.5 * 25.4, 2 * 25.4, 3 * 25.4),)
-    measured = read_measurements(f"{rows.replace('label', 'trial')}B;1;2;3\nC;1;2;4\n".encode(), ("tip",), "b.csv")
-    assert measured.groups[0].values_mm[0].tolist() == [1.5 * 25.4, 2 * 25.4, 3 * 25.4]
-
-
-def test_a_heading_states_its_unit_in_many_ways() -> None:
-    assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
-    assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")
-    assert split_heading("trial no") == ("trial no", "")
 
 
 @pytest.mark.parametrize(("text", "cure"), [

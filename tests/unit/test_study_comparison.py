@@ -103,24 +103,18 @@ def test_departure_has_its_known_law(freedom: int) -> None:
     assert kstest(departure_p_value(found, freedom), "uniform").pvalue > 1e-3
 
 
-def test_distance_is_mahalanobis() -> None:
+def test_distances_p_values_and_holm_are_those_of_their_definitions() -> None:
     rng = np.random.default_rng(3)
     covariance_matrix = np.cov(rng.normal(size=(3, 20)))
     vectors = rng.normal(size=(5, 3))
     by_hand = [vector @ np.linalg.inv(covariance_matrix) @ vector for vector in vectors]
     np.testing.assert_allclose(distance(vectors, covariance_matrix), by_hand, rtol=1e-12)
-
-
-def test_p_values_are_ranks() -> None:
     sample = np.arange(1.0, 100.0)  # 99 of them
     assert p_value(200.0, sample, both_sides=False) == 0.01
     assert p_value(95.0, sample, both_sides=False) == 0.06
     assert p_value(0.0, sample, both_sides=True) == 0.02
     assert p_value(50.0, sample, both_sides=True) == 1.0
-
-
-def test_holm_is_holm() -> None:
-    """closed_form: sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1, made monotone."""
+    # closed_form: sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1, made monotone.
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
     assert 2 / (count_least_benches(200, 0.05) + 1) < 0.05 / 200

@@ -69,15 +69,14 @@ def test_the_same_file_written_otherwise(text: str | bytes) -> None:
     assert group.sizes == (2, 1)
 
 
-def test_units_are_noted() -> None:
+def test_units_are_noted_installations_put_together_and_twins_remarked() -> None:
     found = read("x_cm,y_cm,z_cm\n1,2,3\n4,5,6\n7,8,9\n")
     assert any("from cm to mm" in note for note in found.notes)
-
-
-def test_interleaved_installations_are_put_together() -> None:
     (group,) = read("installation,error_mm\nB,1\nA,2\nB,3\nA,4\n").groups
     assert group.installations == ("B", "A")
     assert group.values_mm.tolist() == [1, 3, 2, 4]
+    assert any("lines 2 and 3" in note for note in read("error_mm\n1\n1\n3\n").notes)
+    assert read("error_mm\n1\n2\n3\n").notes == ()
 
 
 def test_levels_and_their_installation_errors() -> None:
@@ -108,11 +107,6 @@ def test_targets_are_those_of_the_design() -> None:
     line, code, said = refused("error_mm\n1\n2\n3\n", ("a", "b"))
     assert (line, code) == (1, "csv-header")
     assert "add a column target" in said
-
-
-def test_twins_are_remarked() -> None:
-    assert any("lines 2 and 3" in note for note in read("error_mm\n1\n1\n3\n").notes)
-    assert read("error_mm\n1\n2\n3\n").notes == ()
 
 
 BAD = [

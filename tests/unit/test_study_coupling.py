@@ -276,13 +276,10 @@ def test_a_level_out_of_the_image_is_remarked_and_one_out_of_sight_refused() -> 
     assert refused.value.problems[0].code == "level"
 
 
-def test_progress_reaches_its_end() -> None:
+def test_progress_reaches_its_end_and_what_is_held_at_a_time_is_bounded() -> None:
     told: list[tuple[int, int]] = []
     study_coupling(cube8_system(), levels=(), trials=8192, progress=lambda done, total: told.append((done, total)))
     assert told == [(k, 3 * SECTIONS) for k in range(1, 3 * SECTIONS + 1)]  # noise alone, and both readings
-
-
-def test_what_is_held_at_a_time_is_bounded() -> None:
     with pytest.raises(LimitError, match="--trials"):
         study_coupling(cube8_system(), trials=2**26)
 

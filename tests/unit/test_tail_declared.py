@@ -99,17 +99,14 @@ SKEWED = linear_law(
 )
 
 
-def test_reference_of_the_method_notes():
+def test_the_reference_of_the_method_notes_and_of_a_sample():
     """Published, sampled: 1.2889 (its standard error is some 1e-4); the Gaussian of equal covariance to all digits."""
     result = law_quantile(REFERENCE, 0.95)
     assert result.quantile_mm == pytest.approx(1.2889, abs=4e-4)
     assert result.method == LATTICE_METHOD
     assert result.error_mm < 1e-6
     assert norm_quantile(0.95, REFERENCE.mean, REFERENCE.total_covariance) == pytest.approx(1.3574, abs=5e-5)
-
-
-def test_reference_by_sampling():
-    """Two million draws: the probability at our quantile within 3.5 standard errors (0.00054)."""
+    # Two million draws: the probability at our quantile within 3.5 standard errors (0.00054).
     rng = np.random.default_rng(11)
     n = 2_000_000
     e = rng.standard_normal((n, 3)) @ np.linalg.cholesky(NOISE).T + rng.uniform(-1, 1, (n, 12)) @ COLUMNS.T
@@ -296,9 +293,15 @@ def test_bad_arguments_are_named():
         law_cdf(SKEWED, -1.0)
 
 
-def test_bessel_functions_against_scipy():
+def test_bessel_functions_and_sines_in_lanes_are_those_of_the_libraries():
     for x in (0.0, 1e-9, 1e-3, 0.5, 2.4, 10.0, 29.99, 30.01, 77.0, 900.0):
         assert bessel_j01(x) == pytest.approx((j0(x), j1(x)), abs=3e-15)
+    # independent: the C library's, up to angles of a hundred thousand.
+    t = np.concatenate([[0.0, 1e-9], np.linspace(0, 40, 1001), np.geomspace(40, 1e5, 500)])
+    s, c = np.empty(t.size), np.empty(t.size)
+    sines(1.7, t, s, c)
+    assert np.abs(s - np.sin(1.7 * t)).max() < 1e-15
+    assert np.abs(c - np.cos(1.7 * t)).max() < 1e-15
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
@@ -481,15 +484,6 @@ def test_folding_keeps_the_characteristic_function():
             assert np.abs(form - true).max() < 2 * threshold
     assert {degree for _, degree in seen} > {4, 8}
     assert any(0 < share < 1 for share, _ in seen)
-
-
-def test_sines_in_lanes():
-    """independent: the C library's, up to angles of a hundred thousand."""
-    t = np.concatenate([[0.0, 1e-9], np.linspace(0, 40, 1001), np.geomspace(40, 1e5, 500)])
-    s, c = np.empty(t.size), np.empty(t.size)
-    sines(1.7, t, s, c)
-    assert np.abs(s - np.sin(1.7 * t)).max() < 1e-15
-    assert np.abs(c - np.cos(1.7 * t)).max() < 1e-15
 
 
 def test_derivatives_with_small_and_long_columns():

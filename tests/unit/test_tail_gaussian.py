@@ -77,13 +77,19 @@ def test_one_axis_folded_normal_to_the_last_digits():
             assert value == pytest.approx(float(exact), rel=1e-12), (ratio, p)
 
 
-def test_bias_across_a_single_axis_of_noise():
+def test_closed_forms_of_a_bias_across_one_axis_and_of_the_mean():
     """Closed form: m perpendicular to rank-one noise, r^2 = m^2 + (sigma z)^2; the excess over m keeps its digits."""
     for sigma in (1e-3, 1.0, 30.0):
         for p in PROBABILITIES:
             z = float(stats.norm.isf((1 - p) / 2))
             value = norm_quantile(p, np.array([0.0, 3.0, 4.0]), np.diag([sigma**2, 0, 0]))
             assert value == pytest.approx(sqrt(25 + (sigma * z) ** 2), rel=1e-13)
+    # Noncentral chi with three degrees of freedom, and the folded normal.
+    for a in (1e-3, 0.7, 3.0, 200.0):
+        three = sqrt(2 / pi) * np.exp(-a * a / 2) + (a + 1 / a) * erf(a / sqrt(2))
+        assert norm_mean(np.array([0, 0, a]), np.eye(3)) == pytest.approx(three, rel=1e-10)
+        one = sqrt(2 / pi) * np.exp(-a * a / 2) + a * erf(a / sqrt(2))
+        assert norm_mean(np.array([0, 0, a]), np.diag([0, 0, 1.0])) == pytest.approx(one, rel=1e-12)
 
 
 def _slab(r, variances, mean, panels=16, order=48):
@@ -189,15 +195,6 @@ def test_tail_mean_is_the_integral_of_the_quantile(m, variances, p):
     assert norm_cvar(p, mean, covariance) == pytest.approx(r + area / (1 - p), rel=1e-9)
 
 
-def test_mean_in_closed_form():
-    """Noncentral chi with three degrees of freedom, and the folded normal."""
-    for a in (1e-3, 0.7, 3.0, 200.0):
-        three = sqrt(2 / pi) * np.exp(-a * a / 2) + (a + 1 / a) * erf(a / sqrt(2))
-        assert norm_mean(np.array([0, 0, a]), np.eye(3)) == pytest.approx(three, rel=1e-10)
-        one = sqrt(2 / pi) * np.exp(-a * a / 2) + a * erf(a / sqrt(2))
-        assert norm_mean(np.array([0, 0, a]), np.diag([0, 0, 1.0])) == pytest.approx(one, rel=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_mean_of_laws_of_any_shape(seed):
     """independent: E|e| as the integral of the tail of |e| over the radius, spreads from equal to 1 : 1e-5 : 1e-10."""
@@ -244,23 +241,17 @@ def test_gradient_into_a_direction_without_variance():
     assert (dS * up).sum() == pytest.approx((4 * value(h) - value(2 * h) - 3 * value(0.0)) / (2 * h), rel=1e-5)
 
 
-def test_no_spread_at_all():
+def test_no_spread_and_the_edge_of_the_support():
     m, zero = np.array([3.0, 0.0, 4.0]), np.zeros((3, 3))
     assert norm_quantile(0.95, m, zero) == norm_cvar(0.95, m, zero) == 5.0
     assert norm_mean(m, zero) == pytest.approx(5.0, rel=1e-14)
     assert (norm_cdf(4.999, m, zero), norm_cdf(5.0, m, zero), norm_sf(5.0, m, zero)) == (0.0, 1.0, 0.0)
-
-
-def test_outside_the_support():
     m, S = np.array([0.0, 2.0, 0.0]), np.diag([1.0, 0.0, 0.0])
     assert (norm_cdf(1.9, m, S), norm_sf(1.9, m, S), norm_pdf(1.9, m, S)) == (0.0, 1.0, 0.0)
     assert norm_cdf(0.0, m, S) == 0.0
     assert norm_cdf(2.0, m, S) == 0.0
     assert 0.0 <= norm_cdf(2.0 + 1e-15, m, S) < 1e-6
-
-
-def test_tail_mean_down_to_the_edge_of_the_support():
-    """Closed form: m = (0, 2, 0), noise along x; E sqrt(4 + z^2) over |z| >= z_p, by QUADPACK."""
+    # Closed form: m = (0, 2, 0), noise along x; E sqrt(4 + z^2) over |z| >= z_p, by QUADPACK.
     for p in (1e-3, 0.5):
         z = stats.norm.isf((1 - p) / 2)
         area = quad(lambda x: 2 * stats.norm.pdf(x) * sqrt(4 + x * x), z, 12, epsabs=1e-13)[0]

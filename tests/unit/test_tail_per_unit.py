@@ -90,30 +90,27 @@ def test_shot_correction_is_right_for_a_single_unit():
     assert abs(norm_quantile(0.95, at.mean, at.total_covariance) / risk.value_mm - 1) > 2e-3
 
 
-def test_all_units_alike():
+def test_where_one_part_is_absent_the_rest_is_the_law():
     unit = linear_law([0.3, 0.4, 0], FIXED)
     own = norm_quantile(0.95, unit.mean, NOISE)
     risk = unit_risk(unit, SHOT, 0.95, own * 1.001)
     assert (risk.yield_fraction, risk.yield_standard_error, risk.units) == (1.0, 0.0, 1)
     assert risk.value_mm == pytest.approx(own, rel=1e-12)
     assert unit_risk(unit, SHOT, 0.95, own * 0.999).yield_fraction == 0.0
-
-
-def test_no_shot_noise_is_the_law_of_the_offset():
-    """R(d) = |d|: the exact quantile of the installation is the percentile of units."""
+    # R(d) = |d|: the exact quantile of the installation is the percentile of units.
     unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
     silent = linear_law(np.zeros(3), FIXED)
     quantile = law_quantile(unit, 0.95)
     risk = unit_risk(unit, silent, 0.95, quantile.quantile_mm)
     assert risk.yield_fraction == pytest.approx(0.95, abs=2e-3)
     assert risk.value_mm == pytest.approx(quantile.quantile_mm, rel=3e-3)
-
-
-def test_no_limit_no_yield_and_same_answer_twice():
-    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
-    risk = unit_risk(unit, SHOT, 0.95)
-    assert (risk.yield_fraction, risk.yield_standard_error, risk.limit_mm) == (None, None, None)
-    assert risk == unit_risk(unit, SHOT, 0.95)
+    # Closed form: chi without shots, chi without an installation, a distance without either.
+    ball, nothing = linear_law(np.zeros(3), 0.09 * np.eye(3)), linear_law(np.zeros(3), FIXED)
+    assert unit_quantile(ball, nothing, 0.8, 0.95).value_mm == pytest.approx(0.3 * stats.chi.ppf(0.95, 3), rel=2e-4)
+    alike = unit_quantile(nothing, ball, 0.8, 0.95)
+    assert alike.value_mm == pytest.approx(0.3 * stats.chi.ppf(0.8, 3), rel=1e-10)
+    assert (alike.standard_error_mm, alike.density) == (0.0, 0.0)
+    assert unit_quantile(linear_law([3, 4, 0], FIXED), nothing, 0.8, 0.95).value_mm == pytest.approx(5, rel=1e-12)
 
 
 @pytest.mark.parametrize(("n", "width"), [(1, 1), (7, 3), (200, 16)])
@@ -138,6 +135,8 @@ def test_bad_arguments_are_named():
         unit_risk(unit, unit, 0.95)
     with pytest.raises(ValueError, match="limit must be >= 0"):
         unit_risk(unit, SHOT, 0.95, -1.0)
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        unit_quantile(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)
 
 
 @pytest.mark.long
@@ -183,22 +182,18 @@ def test_quantile_of_isotropic_laws(fraction, shot):
     assert found.density == pytest.approx(stats.chi.pdf(distance / unit, 3) / unit / slope, rel=0.15)
 
 
-def test_quantile_where_one_part_is_absent():
-    """Closed form: chi without shots, chi without an installation, a distance without either."""
-    ball, nothing = linear_law(np.zeros(3), 0.09 * np.eye(3)), linear_law(np.zeros(3), FIXED)
-    assert unit_quantile(ball, nothing, 0.8, 0.95).value_mm == pytest.approx(0.3 * stats.chi.ppf(0.95, 3), rel=2e-4)
-    alike = unit_quantile(nothing, ball, 0.8, 0.95)
-    assert alike.value_mm == pytest.approx(0.3 * stats.chi.ppf(0.8, 3), rel=1e-10)
-    assert (alike.standard_error_mm, alike.density) == (0.0, 0.0)
-    assert unit_quantile(linear_law([3, 4, 0], FIXED), nothing, 0.8, 0.95).value_mm == pytest.approx(5, rel=1e-12)
-
-
-def test_quantile_grows_with_both_probabilities():
+def test_quantile_grows_with_both_probabilities_and_undoes_the_yield():
     unit = linear_law([0.2, 0, 0.1], NOISE, COLUMNS)
     over_units = [unit_quantile(unit, SHOT, 0.95, f).value_mm for f in (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)]
     over_shots = [unit_quantile(unit, SHOT, p, 0.95).value_mm for p in (0.3, 0.5, 0.9, 0.95, 0.99)]
     assert (np.diff(over_units) > 0).all()
     assert (np.diff(over_shots) > 0).all()
+    # The yield at the quantile is the fraction, within 4 joint standard errors; samples of two different roots.
+    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
+    found = unit_quantile(unit, SHOT, 0.9, 0.8)
+    risk = unit_risk(unit, SHOT, 0.9, found.value_mm)
+    error = sqrt(risk.yield_standard_error**2 + (found.standard_error_mm * found.density) ** 2)
+    assert abs(risk.yield_fraction - 0.8) < 4 * error
 
 
 def test_quantile_does_not_see_the_frame():
@@ -225,20 +220,6 @@ def test_neighbouring_laws_have_neighbouring_quantiles(bounded_shots):
     left = np.array(values) / np.polyval(np.polyfit(t, values, 2), t) - 1
     assert np.abs(np.diff(left)).max() < 2e-4
     assert np.ptp(values) > 0.005  # the path goes somewhere
-
-
-def test_quantile_and_yield_are_inverse():
-    """The yield at the quantile is the fraction, within 4 joint standard errors; samples of two different roots."""
-    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
-    found = unit_quantile(unit, SHOT, 0.9, 0.8)
-    risk = unit_risk(unit, SHOT, 0.9, found.value_mm)
-    error = sqrt(risk.yield_standard_error**2 + (found.standard_error_mm * found.density) ** 2)
-    assert abs(risk.yield_fraction - 0.8) < 4 * error
-
-
-def test_bad_fraction_is_named():
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        unit_quantile(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)
 
 
 @pytest.mark.parametrize("p", [0.3, 0.95])
@@ -291,7 +272,7 @@ def test_yield_and_its_error_are_those_of_the_whole_sample():
     assert np.isnan(distance_at(units, 2 * own.max()))
 
 
-def test_units_are_spread_evenly():
+def test_units_are_spread_evenly_and_answer_twice_alike():
     """Closed form: each block takes every 128th part of the range of every coordinate once, and blocks differ."""
     z, u = unit_coordinates(2, (UNIFORM,) * 3, 7)
     assert z.shape == (2048, 2)
@@ -299,6 +280,10 @@ def test_units_are_spread_evenly():
         for block in column.reshape(16, 128):
             assert np.sort((block * 128).astype(int)).tolist() == list(range(128))
     assert np.unique(u).size == u.size
+    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
+    risk = unit_risk(unit, SHOT, 0.95)
+    assert (risk.yield_fraction, risk.yield_standard_error, risk.limit_mm) == (None, None, None)
+    assert risk == unit_risk(unit, SHOT, 0.95)
 
 
 @pytest.mark.parametrize("fraction", [0.5, 0.8, 0.9, 0.95, 0.99])
