@@ -114,8 +114,10 @@ def compile_sources(components: Mapping[str, RotationTolerance | TranslationTole
     stated = []
     for (name, item), way in zip(components.items(), np.eye(len(components)), strict=True):
         if item is not None:
-            turns = isinstance(item, RotationTolerance)
-            width, unit = (radians(item.half_width_deg), "rad") if turns else (item.half_width_mm, "mm")
+            if isinstance(item, RotationTolerance):
+                width, unit = radians(item.half_width_deg), "rad"
+            else:
+                width, unit = item.half_width_mm, "mm"
             stated.append(Source(name, item.distribution, width, item.coverage_factor, unit, way))
     return gather_sources(stated, len(components))
 

@@ -99,7 +99,8 @@ def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
             principal_point=PrincipalPointError(half_width_px=foot_px_sd, distribution="normal", coverage_factor=1.0),
         )
     focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
-    widths, parts = (focal.half_width_rel, centre.half_width_px, centre.half_width_px), (focal, centre, centre)
+    widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
+    parts: tuple[FocalError | PrincipalPointError, ...] = (focal, centre, centre)
     stated = [
         Source(name, part.distribution or "normal", width, part.coverage_factor, unit, way)
         for name, part, width, unit, way in zip(INTRINSICS, parts, widths, UNITS, np.eye(3), strict=True)
