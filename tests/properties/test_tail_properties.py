@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from scipy.stats import special_ortho_group
 
@@ -27,25 +27,25 @@ exponents = st.floats(-7, 0)
 
 
 @st.composite
-def gaussians(draw):
+def gaussians(draw, centred=False):
     """(mean, covariance): any rank, eigenvalue ratios to 1e7 and more, bias up to 1e4 of the noise."""
     rng = np.random.default_rng(draw(seeds))
     values = np.array([10 ** draw(exponents), 10 ** draw(exponents), 1.0])
     values[:2] *= [draw(st.booleans()), draw(st.booleans())]
     turn = special_ortho_group.rvs(3, random_state=rng)
     covariance = (turn * values) @ turn.T
-    mean = rng.normal(size=3) * 10 ** draw(st.floats(-4, 4))
+    mean = rng.normal(size=3) * 10 ** draw(st.floats(-4, 4)) * (not centred)
     return mean, (covariance + covariance.T) / 2
 
 
 @st.composite
-def laws(draw):
+def laws(draw, centred=False):
     """A declared law of one to six sources over isotropic-ish noise."""
     rng = np.random.default_rng(draw(seeds))
     k = draw(st.integers(1, 6))
     factor = rng.normal(size=(3, 3)) * 0.2
     return linear_law(
-        rng.normal(size=3) * draw(st.floats(0, 2)),
+        rng.normal(size=3) * draw(st.floats(0, 2)) * (not centred),
         factor @ factor.T + 0.02 * np.eye(3),
         rng.normal(size=(3, k)) * draw(st.floats(0.05, 1)),
         rng.integers(0, 2, k),
@@ -73,6 +73,14 @@ def test_units_change_nothing(law, p, exponent):
 
 
 @many
+@given(gaussians(), probabilities, probabilities)
+def test_quantiles_are_ordered(law, p, q):
+    assume(abs(p - q) > 1e-9)
+    low, high = sorted((p, q))
+    assert norm_quantile(low, *law) <= norm_quantile(high, *law) * (1 + 1e-12)
+
+
+@many
 @given(gaussians(), probabilities)
 def test_probability_undoes_the_quantile(law, p):
     r = norm_quantile(p, *law)
@@ -81,6 +89,14 @@ def test_probability_undoes_the_quantile(law, p):
     assert norm_cdf(max(r - step, 0.0), *law) <= p + 1e-11
     assert norm_sf(r + step, *law) <= 1 - p + 1e-11
     assert norm_cdf(r + step, *law) >= p - 1e-11
+
+
+@many
+@given(gaussians(centred=True), gaussians(centred=True), probabilities)
+def test_more_noise_is_never_less_risk_without_bias(law, more, p):
+    """Anderson's theorem: a ball is symmetric and convex, adding independent noise can only move mass out of it."""
+    zero = np.zeros(3)
+    assert norm_quantile(p, zero, law[1] + more[1]) >= norm_quantile(p, zero, law[1]) * (1 - 1e-11)
 
 
 @many
@@ -131,6 +147,16 @@ def test_declared_law_within_its_bounds(law, p):
     ladder = bounds(p, law.mean, law.total_covariance)
     assert result.quantile_mm <= ladder.unimodal * (1 + 1e-9)
     assert law_cdf(law, result.quantile_mm) == pytest.approx(p, abs=1e-6)
+
+
+@some
+@given(laws(centred=True), st.floats(0.05, 0.999))
+def test_removing_a_source_never_raises_the_quantile_without_bias(law, p):
+    """Anderson's theorem again: the rest is symmetric log-concave."""
+    total = law_quantile(law, p).quantile_mm
+    for j in range(law.kinds.size):
+        assert law_quantile(without(law, j), p).quantile_mm <= total * (1 + 1e-6)
+    assert law_quantile(replace(law, covariance=0.5 * law.covariance), p).quantile_mm <= total * (1 + 1e-6)
 
 
 def without(law: LinearLaw, column: int) -> LinearLaw:

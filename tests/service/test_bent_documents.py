@@ -1,4 +1,4 @@
-"""Documents bent at random: examples with slips of every kind at the command, requests to the gate.
+"""Documents bent at random: examples with slips of every kind at the command, requests to the gate, over HTTP.
 
 What comes is judged or refused at its place, and never a defect."""
 
@@ -14,6 +14,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -210,3 +211,63 @@ def test_whatever_arrives_is_judged_or_refused(run_seed: int) -> None:
             assert record_of("gate", json.loads(to_json(found))) == found
     assert met["GateRecord"] > CASES / 20, met
     assert met["GateError"] > CASES / 4, met
+
+
+# --- requests over HTTP ---------------------------------------------------------------------------
+
+
+POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisations", "/v1/sweeps", "/v1/reports",
+         "/v1/gates", "/v1/conversions")  # fmt: skip
+FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+ODD: list[Any] = [
+    None, True, 0, -1, 1e308, -1e-320, 10**30, "", "x" * 3000, "\u202e", [], {}, [[[]]], {"a": {"b": []}}, ["0", 1.5],
+    "tailstack/design/1", "NaN", -0.0, 2**63, [1e5, -1e5, 1e5],
+]  # fmt: skip
+
+
+def check_no_defect(response: httpx.Response) -> None:
+    assert response.status_code < 500, response.text
+    assert response.headers["content-type"] in ("application/json", "application/problem+json")
+    document = response.json()
+    if response.status_code not in (200, 202):
+        assert document["errors"]
+        assert document["status"] == response.status_code
+
+
+@FEW
+@given(
+    path=st.sampled_from(POSTS),
+    body=st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
+        max_leaves=20,
+    ),
+)
+def test_json_values(client: httpx.Client, path: str, body: Any) -> None:
+    content = json.dumps(body).encode()
+    check_no_defect(client.post(path, content=content, headers={"Content-Type": "application/json"}))
+
+
+@pytest.mark.long("0")
+@pytest.mark.parametrize("seed", range(4))
+def test_a_good_request_with_a_few_values_replaced_or_removed(client: httpx.Client, seed: int, run_seed: int) -> None:
+    draw = random.Random(seed + 10 * run_seed)
+    good = {"design": small_design(optimise=None), "seed": 1}
+    places = [place for place in places_of(good) if place]
+    for _ in range(60):
+        body = copy.deepcopy(good)
+        for place in draw.sample(places, draw.randint(1, 3)):
+            try:
+                node = value_at(body, place[:-1])
+                if draw.random() < 0.25:
+                    del node[place[-1]]
+                else:
+                    node[place[-1]] = copy.deepcopy(draw.choice(ODD))
+            except (LookupError, TypeError):  # an earlier change took the place away
+                continue
+        path = draw.choice(("/v1/scores", "/v1/verifications", "/v1/validations"))
+        if path == "/v1/verifications":
+            body["trials"] = draw.choice([1, 2, 100, 2000])
+        else:
+            body.pop("seed", None)
+        check_no_defect(client.post(path, json=body))

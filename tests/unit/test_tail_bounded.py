@@ -101,16 +101,22 @@ def test_twelve_bounded_components_beside_a_large_bias_cost_a_few_samples(monkey
     assert sum(asked) < 2e6
 
 
-def test_what_has_no_bounded_component_or_no_noise():
+def test_in_a_plane():
+    """The lattice over vertices needs three dimensions; in a plane every vertex is asked one by one."""
+    law = linear_law([0, 0.1, 0], np.diag([0, 0.04, 0.09]), np.array([[0.0], [0.4], [0.3]]))
+    _check_by_brute_force(law, BOUNDED[:, :2])
+
+
+def test_no_bounded_components_and_zero_columns():
     law = linear_law([0.3, 0, 0], S, SOURCES)
     assert worst_case(law, np.zeros((3, 0)), 0.95).quantile == law_quantile(law, 0.95)
     padded = np.column_stack([np.zeros(3), [-0.5, 0, 0], np.zeros(3)])
     assert worst_case(law, padded, 0.95).signs == (1, -1, 1)
+
+
+def test_no_noise_at_all_is_the_longest_corner():
     found = worst_case(linear_law([1, 0, 0], np.zeros((3, 3))), np.diag([1.0, 2.0, 3.0]), 0.95)
     assert found.quantile.quantile_mm == pytest.approx(np.sqrt(4 + 4 + 9), rel=1e-14)
-    # The lattice over vertices needs three dimensions; in a plane every vertex is asked one by one.
-    law = linear_law([0, 0.1, 0], np.diag([0, 0.04, 0.09]), np.array([[0.0], [0.4], [0.3]]))
-    _check_by_brute_force(law, BOUNDED[:, :2])
 
 
 def test_limits():
@@ -221,6 +227,13 @@ def test_unimodal_bound_holds_for_a_heavy_mixture(seed):
     S = 0.8 * 0.09 / 5 * np.eye(3) + 0.2 * 16 / 3 * np.outer(axis, axis)
     r = bounds(1 - eps, m, S).unimodal
     assert (np.linalg.norm(m + x, axis=1) > r).mean() < eps + 1.5e-3
+
+
+@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("p", [0.05, 0.5, 0.9, 0.95, 0.9999])
+def test_ladder(seed, p):
+    ladder = bounds(p, *_random_law(seed))
+    assert ladder.gaussian <= ladder.unimodal <= ladder.moments
 
 
 def test_no_spread():
