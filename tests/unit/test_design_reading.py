@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from plain_data import EXAMPLES, problems_of
 from tailstack.design import design_to_data, load_design
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, plain_data, read_text, read_yaml
+from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, plain_data, read_text, read_yaml, show
 from tailstack.design.write import data_to_yaml, dump_flow
 from tailstack.design.yaml_text import revise_yaml
 from tailstack.errors import DesignError, LimitError
@@ -146,12 +146,25 @@ def test_keys_and_texts_of_json_are_as_those_of_plain_data():
     assert read(f'{{"{longest}": "\\ud83d\\ude00"}}', "json").data == {longest: "😀"}
 
 
-@pytest.mark.parametrize(("digits", "value"), [(21, 1e20), (401, math.inf), (5001, math.inf)])
-def test_whole_numbers_beyond_every_range_are_numbers_of_that_size(digits, value):
+@pytest.mark.parametrize(
+    ("digits", "told"),
+    [
+        (21, "1" + "0" * 20),
+        (30, "1" + "0" * 29),
+        (31, "1" + "0" * 23 + "... (31 digits)"),
+        (401, "1" + "0" * 23 + "... (401 digits)"),
+        (5001, "an integer of more than 4300 digits"),
+    ],
+)
+def test_whole_numbers_beyond_every_range_are_infinite_and_told_as_they_came(digits, told):
     number = 10 ** (digits - 1)
-    assert plain_data([number, -number], DEFAULT_LIMITS) == [value, -value]
-    for form in ("json", "yaml"):
-        assert read("[1" + "0" * (digits - 1) + "]", form).data == [value]
+    handed_over, negative = plain_data({"a": [number, -number]}, DEFAULT_LIMITS)["a"]
+    assert (handed_over, show(handed_over), negative) == (math.inf, told, -math.inf)
+    assert show(negative) == (told if digits > 4300 else "-" + told)
+    if digits < 4000:
+        for form in ("json", "yaml"):
+            read = read_text(f'{{"a": [{number}]}}', DEFAULT_LIMITS, file=None, directory=None, form=form).data["a"][0]
+            assert (read, show(read)) == (handed_over, told)
 
 
 def test_limits_are_stated_and_an_alias_bomb_is_counted_not_built():
@@ -171,7 +184,7 @@ def test_limits_are_stated_and_an_alias_bomb_is_counted_not_built():
         ({"a": [1, 2.5, None, True, {"b": []}], "c": {}}, {"a": [1, 2.5, None, True, {"b": []}], "c": {}}),
         ({"a": (1, 2.0), "b": 2**63}, {"a": [1, 2.0], "b": 2**63}),
         ({"a": np.float64(1.5), "b": np.arange(3)}, {"a": 1.5, "b": [0, 1, 2]}),
-        ({"a": 10**30, "b": [-(10**30)]}, {"a": 1e30, "b": [-1e30]}),
+        ({"a": 10**30, "b": [-(10**30)]}, {"a": math.inf, "b": [-math.inf]}),
         ([], []),
         ("text", "text"),
         (3, 3),

@@ -259,16 +259,23 @@ def plain_data(value: Any, limits: Limits) -> Any:
         if isinstance(item, list | tuple):
             return [copy(child, f"{path}/{index}", depth + 1) for index, child in enumerate(item)]
         if isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 64:
-            return float(item) if item.bit_length() < 1024 else float("-inf" if item < 0 else "inf")
+            return _vast(item)
         if isinstance(item, str):
             _refuse_surrogates(item, path, None)
-        if item is None or type(item) in (str, int, bool):
+        if item is None or type(item) in (str, int, bool, Vast):
             return item
         raise DesignError(
             Problem(path, "unsupported-value", f"a document holds texts, numbers, lists and mappings; got {show(item)}")
         )
 
     return copy(value, "", 0)
+
+
+def _vast(number: int) -> Vast:
+    try:
+        return Vast(str(number))
+    except ValueError:  # more digits than Python writes down
+        return Vast("-" if number < 0 else "+")
 
 
 def _refuse_surrogates(text: str, path: str, file: str | None) -> None:
@@ -358,8 +365,8 @@ class TextPosition(NamedTuple):
 
 
 def integer(text: str) -> int | float:
-    """An integer of the document, JSON's and YAML's alike; one that no field can hold is a number of that size."""
-    return int(text) if len(text) < 20 else float(text)
+    """An integer of the document; JSON's and YAML's alike."""
+    return int(text) if len(text) < 20 else Vast(text)
 
 
 def _number(text: str) -> float:
@@ -623,6 +630,18 @@ class Limits:
 DEFAULT_LIMITS = Limits()
 
 
+class Vast(float):
+    """A whole number beyond any field's range: infinite, so that it is refused where it stands, but told as it came."""
+
+    __slots__ = ("written",)
+    written: str
+
+    def __new__(cls, written: str) -> Vast:
+        made = super().__new__(cls, "-inf" if written.startswith("-") else "inf")
+        made.written = written
+        return made
+
+
 def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, mark: Any = None) -> Problem:
     """A problem of the document as a whole, at a YAML mark if there is one."""
     line = None if mark is None else mark.line + 1
@@ -649,8 +668,18 @@ def show(value: Any, length: int = 60) -> str:
         return "nothing (null)"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, Vast):
+        digits = value.written.lstrip("+-")
+        if not digits:
+            return "an integer of more than 4300 digits"
+        cut = digits if len(digits) <= length // 2 else f"{digits[:24]}... ({len(digits)} digits)"
+        return "-" * (value < 0) + cut
     if isinstance(value, int | float):
-        return repr(float(value) if isinstance(value, int) and value.bit_length() > 64 else value)
+        try:
+            text = repr(value)
+        except ValueError:  # an integer of more digits than Python prints
+            text = "an integer of more than 4300 digits"
+        return text if len(text) <= length else text[: length - 3] + "..."
     if isinstance(value, Mapping):
         names = ", ".join([str(key)[:20] for key in list(value)[:4]] + (["..."] if len(value) > 4 else []))
         return f"a mapping with {len(value)} field(s)" + (f" ({names})" if names else "")

@@ -16,7 +16,7 @@ from ..field_names import cure_name, is_numeric, write_value
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
 from .presets import PRESETS
-from .reading import DocumentSource, Limits, show
+from .reading import DocumentSource, Limits, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
 _WANTED = {
@@ -162,6 +162,8 @@ def _translate(entry: Any, root: type[BaseModel], data: Any = None) -> Problem:
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
     problem, hint = describe_value(entry, path), ""
     if problem.code == "wrong-type" and kind in _WANTED:
+        if value in (float("inf"), float("-inf")):
+            return Problem(pointer(path), "out-of-range", "the number is too large")
         owner = _model_at(raw, root)
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
@@ -190,7 +192,7 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     """What one of pydantic's errors says of a value at a path, in our words: any but a field's absence or name."""
     kind, value, context, at = entry["type"], entry.get("input"), entry.get("ctx", {}), pointer(path)
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
-    if kind.startswith("int_") and isinstance(value, float) and abs(value) >= 1e19:
+    if isinstance(value, Vast):
         return Problem(at, "out-of-range", f"the number is too large; got {show(value)}")
     if kind in _WANTED:
         hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
