@@ -39,7 +39,7 @@ from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, do
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
-from .measures import MEASURE, POINTS
+from .measures import metrics_at
 from .propagation.columns import Imaging, assemble_after
 from .propagation.linear import (
     LinearModel,
@@ -47,6 +47,7 @@ from .propagation.linear import (
     geometry_at,
     imaging_of,
     linearise_all,
+    models_of,
     mounts_of,
     pass_mounts,
 )
@@ -322,9 +323,6 @@ class Batch:
                 reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
         if system.loss_probability:
             reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
-        joined = any(MEASURE[item.error] not in POINTS for item in system.requirements)
-        if joined and not _ASK.isdisjoint(self.columns):
-            reasons.append("a requirement on what joins several targets is judged row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
@@ -367,9 +365,11 @@ class Batch:
             return None
 
     def _read_models(self, system: System, models: dict[str, LinearModel]) -> list[Any]:
+        every = models_of(system, models)
+
         @cache
         def law_at(name: str, error: str) -> ErrorLaw:
-            return error_law(models[name], error, P95)
+            return error_law(every[name, error], error, P95)
 
         def of_target(column: str, name: str) -> float:
             law = law_at(name, "localisation" if column == "localisation_p95_mm" else "tcp").law
@@ -385,7 +385,8 @@ class Batch:
                     at = law_at(name, item.error)
                     summary = LawSummary(law_quantile(at.law, P95), nan, nan, None)
                     limit = tightest_limit(system, name, item.error)
-                    checks.append(check_requirement(item, name, trust, ErrorScore(models[name], at, limit, summary)))
+                    found = ErrorScore(every[name, item.error], at, limit, summary)
+                    checks.append(check_requirement(item, name, trust, found))
         return self._arrange(of_target, checks)
 
     def _score_in_full(self, row: Array) -> list[Any] | str:
@@ -449,16 +450,18 @@ class CompiledRows(NamedTuple):
     shifts: Array  # (T, m, V, 2 N + 2, C + E) px: see ``shift_together``
     at_flange: Array  # (T, m, 3, C + E + V) mm
     shared: int  # C
-    widths: Array  # (m, G) spreads, native units: standard deviations under normal laws, half-widths under others
-    groups: NDArray[np.intp]  # (K,) which of them is that of each source
+    widths: Array  # (m, W) spreads, native units: standard deviations under normal laws, half-widths under others
+    groups: NDArray[np.intp]  # (K,) which of them is that of each of G sources, then of those that a target has apart
     kinds: NDArray[np.int64]  # (K,)
+    apart: NDArray[np.bool_]  # (G,) which sources each target has of its own
+    joints: Array  # (m, M, T, 3, 6): the weights of each measure that is asked for, of the errors at the targets
     moving: bool  # whether the gains differ from row to row
 
 
 class Asked(NamedTuple):
-    """The quantiles that the columns take, each of one error; with its mean, if that is wanted."""
+    """The quantiles that the columns take, each of a measure at a site; with its mean, if that is wanted."""
 
-    errors: NDArray[np.int64]  # (Q,) 0: localisation, 1: TCP
+    metrics: NDArray[np.int64]  # (Q,) below M
     quantiles: Array  # (Q,)
     averaged: NDArray[np.bool_]  # (Q,)
     accuracies: Array  # (Q, 3), see ``Accuracy``
@@ -490,18 +493,26 @@ class _RowLoop:
         self.checked = [
             (item, name) for item in system.requirements for name in item.targets if not _ASK.isdisjoint(batch.columns)
         ]
-        wanted = {(item.error, item.quantile): False for item, _ in self.checked}
-        for column in batch.columns:
-            if column in QUANTILES:
-                key = QUANTILES[column], P95
+        wanted = {(name, item.error, item.quantile): False for item, name in self.checked}
+        for column, error in QUANTILES.items():
+            for target in system.targets if column in batch.columns else ():
+                key = target.name, error, P95
                 wanted[key] = wanted.get(key, False) or column == "mean_norm_mm"
         self.places = {key: k for k, key in enumerate(wanted)}
+        self.metrics = list(dict.fromkeys((name, error) for name, error, _ in wanted))
         self.asked = Asked(
-            np.array([error == "tcp" for error, _ in wanted], dtype=np.int64),
-            np.array([quantile for _, quantile in wanted]),
+            np.array([self.metrics.index(key[:2]) for key in wanted], dtype=np.int64),
+            np.array([quantile for _, _, quantile in wanted]),
             np.array(list(wanted.values()), dtype=np.bool_),
-            np.array([accuracy_for(quantile, True) for _, quantile in wanted]).reshape(-1, 3),
+            np.array([accuracy_for(quantile, True) for _, _, quantile in wanted]).reshape(-1, 3),
         )
+        derived = [metric.site for metric in system.derived_metrics if metric.key in self.metrics]
+        self.follow = bool(derived)  # whether weights follow the targets
+        several = max((len(site.weights) for site in derived), default=1)
+        self.apart = np.arange(len(laws)) < len(of_images)
+        self.apart[: len(of_images)] = of_images % 2 == 1  # the images of the target
+        again = np.tile(np.flatnonzero(self.apart), several - 1)
+        self.groups, self.kinds = np.append(self.groups, self.groups[again]), np.append(self.kinds, self.kinds[again])
 
     def fill(self, numbers: Numbers, sound: NDArray[np.bool_], columns: list[Array]) -> NDArray[np.bool_]:
         """Write the columns of the rows that are sound (n,) and plainly so; which of them were written, (n,)."""
@@ -509,14 +520,13 @@ class _RowLoop:
         names = [target.name for target in batch.system.targets]
         rows, plain = self._work_out(numbers)
         done = sound & plain & ~(rows.widths[:, self.groups[self.kinds == BOUNDED]] > 0).any(axis=1)
-        tails = np.full((count, len(names), len(self.asked.errors), 2), nan)
+        tails = np.full((count, len(self.asked.metrics), 2), nan)
         biases = np.full((count, len(names)), nan)
         score_rows(rows, self.asked, batch.validity_bounds, done, tails, biases)
-        done &= np.isfinite(biases).all(axis=1) & np.isfinite(tails[..., 0]).all(axis=(1, 2))
-        done &= np.isfinite(tails[:, :, self.asked.averaged, 1]).all(axis=(1, 2))
+        done &= np.isfinite(biases).all(axis=1) & np.isfinite(tails[..., 0]).all(axis=1)
+        done &= np.isfinite(tails[:, self.asked.averaged, 1]).all(axis=1)
         values = [
-            (tails[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit)
-            for item, name in self.checked
+            (tails[:, self.places[name, item.error, item.quantile], 0], item.limit) for item, name in self.checked
         ]
         place = iter(columns)
         for column in batch.columns:
@@ -524,8 +534,9 @@ class _RowLoop:
                 for each in biases.T:
                     next(place)[:] = each
             elif column in OF_TARGETS:
-                for each in tails[:, :, self.places[QUANTILES[column], P95], int(column == "mean_norm_mm")].T:
-                    next(place)[:] = each
+                for name in names:
+                    which = self.places[name, QUANTILES[column], P95], int(column == "mean_norm_mm")
+                    next(place)[:] = tails[:, *which]
             elif column in OF_REQUIREMENTS:
                 for value, _ in values:
                     next(place)[:] = value
@@ -585,12 +596,25 @@ class _RowLoop:
             ),
             groups=self.groups,
             kinds=self.kinds,
+            apart=self.apart,
+            joints=np.stack([self._joints_at(each) for each in (targets if self.follow else targets[:1])]),
             moving=False,
         )
         weighed = rows.weighing == Weighing.BY_NOISE or precision.any()
         varying = (rows.projections, rows.points, rows.aims[0], rows.mounts[0, 0], rows.shifts[0])
         moving = any(len(each) > 1 for each in varying) or (weighed and len(noise) > 1)
         return rows._replace(moving=bool(moving)), batch.validity_bounds.are_aims_certainly_valid(targets, noise)
+
+    def _joints_at(self, targets: Array) -> Array:
+        """(M, T, 3, 6) the weights of the measures that are asked for, of targets (T, 3) mm."""
+        system, joints = self.batch.system, np.zeros((len(self.metrics), len(targets), 3, 6))
+        moved = [replace(target, position_mm=at) for target, at in zip(system.targets, targets, strict=True)]
+        places = {target.name: t for t, target in enumerate(moved)}
+        for metric in metrics_at(moved, system.T_tcp_con):
+            if metric.key in self.metrics:
+                for name, weights in metric.site.weights.items():
+                    joints[self.metrics.index(metric.key), places[name]] = weights
+        return joints
 
     def _move_together(self, systems: Sequence[System]) -> tuple[Array, Array]:
         """What moves the images of all fiducials of a view together, of each system (m): shifts (T, m, V, 2 N + 2,
@@ -641,15 +665,16 @@ def score_rows(
 ) -> None:
     """The tails of the rows (n,) that are wanted; those whose layout is not plain are no longer.
 
-    Fills tails (n, T, Q, 2) mm, the quantile of each error's norm that is asked for and its mean, NaN where there is
-    none, and biases (n, T) mm, the norm of the bias of the TCP error.
+    Fills tails (n, Q, 2), each quantile that is asked for and its mean, NaN where there is none, and biases (n, T) mm,
+    the norm of the bias of the TCP error.
     """
-    views, size, targets = rows.weights.shape[0], rows.kinds.size, rows.aims.shape[0]
+    views, size, targets = rows.weights.shape[0], rows.apart.size, rows.aims.shape[0]
     single = size - rows.mounts.shape[4] - rows.shared
     through, row_weights = np.zeros((3, single + rows.at_flange.shape[3])), np.zeros((views, 2, 2))
     gains = np.zeros((targets, 2, 3, size))  # of localisation and TCP
     means = np.zeros((targets, 2, 3))
-    spread = np.zeros(size)
+    joined, middle = np.zeros((rows.joints.shape[1], 3, rows.kinds.size)), np.zeros((rows.joints.shape[1], 3))
+    spread = np.zeros(rows.kinds.size)
     eliminated = room_for(views, rows.points[0])
     ready, plain = False, False
     for row in range(wanted.size):
@@ -670,25 +695,27 @@ def score_rows(
                 aim, shifts = pick(rows.aims[t], row), pick(rows.shifts[t], row)
                 assemble_after(eliminated, imaging, rows.weights, aim, shifts, through, row_weights)
                 _complete_gains(rows, row, t, through, gains[t], means[t])
+            for m in range(joined.shape[0] if plain else 0):
+                _join_gains(pick(rows.joints, row)[m], rows.apart, gains, means, joined[m], middle[m])
         if not plain:
             wanted[row] = False
             continue
         widths = pick(rows.widths, row)
-        for j in range(size):
+        for j in range(spread.size):
             spread[j] = widths[rows.groups[j]]
         for t in range(targets):
             bias = means[t, 1]
             biases[row, t] = sqrt(bias[0] * bias[0] + bias[1] * bias[1] + bias[2] * bias[2])
-            for q in range(asked.errors.size):
-                error = asked.errors[q]
-                covariance, columns, kinds = assemble_law(gains[t, error], spread, spread, rows.kinds)
-                if not isfinite(covariance.sum() + columns.sum() + means[t, error].sum()):
-                    continue
-                h, _ = split_columns(columns, kinds)
-                accuracy = Accuracy(asked.accuracies[q, 0], asked.accuracies[q, 1], asked.accuracies[q, 2])
-                tails[row, t, q, 0], tails[row, t, q, 1] = tail_numbers(
-                    means[t, error], covariance, h, asked.quantiles[q], accuracy, asked.averaged[q]
-                )
+        for q in range(asked.metrics.size):
+            m = asked.metrics[q]
+            covariance, columns, kinds = assemble_law(joined[m], spread, spread, rows.kinds)
+            if not isfinite(covariance.sum() + columns.sum() + middle[m].sum()):
+                continue
+            h, _ = split_columns(columns, kinds)
+            accuracy = Accuracy(asked.accuracies[q, 0], asked.accuracies[q, 1], asked.accuracies[q, 2])
+            tails[row, q, 0], tails[row, q, 1] = tail_numbers(
+                middle[m], covariance, h, asked.quantiles[q], accuracy, asked.averaged[q]
+            )
 
 
 @kernel()
@@ -723,6 +750,32 @@ def _complete_gains(rows: CompiledRows, row: int, t: int, through: Array, gains:
             else:
                 means[0, a] += through[a, j]
                 means[1, a] += tcp
+
+
+@kernel()
+def _join_gains(
+    weights: Array, apart: NDArray[np.bool_], gains: Array, means: Array, joined: Array, middle: Array
+) -> None:
+    """Fill the columns (3, K) and the mean (3,) of a measure; weights (T, 3, 6) of the errors at the targets.
+
+    What each target has of its own stands in its place for the first of them, for the others behind all.
+    """
+    joined[:], middle[:] = 0.0, 0.0
+    end, first = apart.size, True
+    for t in range(weights.shape[0]):
+        if not weights[t].any():
+            continue
+        for k in range(apart.size):
+            at = k
+            if apart[k] and not first:
+                at, end = end, end + 1
+            for a in range(3):
+                for b in range(3):
+                    joined[a, at] += weights[t, a, b] * gains[t, 1, b, k] + weights[t, a, 3 + b] * gains[t, 0, b, k]
+        for a in range(3):
+            for b in range(3):
+                middle[a] += weights[t, a, b] * means[t, 1, b] + weights[t, a, 3 + b] * means[t, 0, b]
+        first = False
 
 
 # --- numbers of the document among those of the compiled design -------------------------------------

@@ -15,24 +15,24 @@ has no derivative here, and the refusal says what it moves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from .contributors import BOUNDED, NORMAL, ErrorLaw, error_law
+from .contributors import BOUNDED, NORMAL, error_law
 from .design import Design, compile_design, load_design
 from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
-from .measures import PointError
-from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
+from .measures import MeasureName, Metric
+from .propagation.linear import Block, Chain, ErrorModel, LinearModel, chain_of, image_gains, join, linearise_at
 from .results import Score
 from .results.verdicts import P95
 from .scoring import score
-from .system import System, Target, Way
+from .system import System, Way
 from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
 
 COMPLEX_STEP = 1e-30
@@ -46,8 +46,8 @@ class _Slope:
     """What one unit of a number does to a chain."""
 
     points_mm: Array | None  # (N, 3) of the fiducials as the estimator assumes them; None: they stay
-    half_width: tuple[Array, ...]  # (k,) of each block, native unit
-    std: tuple[Array, ...]
+    half_width: Mapping[str, Array]  # (k,) of each contributor, native unit
+    std: Mapping[str, Array]
 
 
 class DesignFunction:
@@ -84,12 +84,13 @@ class DesignFunction:
         return score(self.design_at(values), losses=losses)
 
     def p95_gradient(
-        self, values: Sequence[float] | Array, target: str | None = None, error: PointError = "tcp"
+        self, values: Sequence[float] | Array, target: str | None = None, error: MeasureName = "tcp"
     ) -> tuple[float, Array]:
-        """(P95 in mm, its derivative by each input (n,) in mm per unit of the document) at one target.
+        """(P95 in the unit of the measure, its derivative by each input (n,) per unit of the document) at one target.
 
-        target: its name, by default the first.  error: ``tcp``, at the tool, or ``localisation``.  At a worst vertex of
-        bounded components the vertex stays.  Raises OutOfRangeError for an input by which the derivative is not known,
+        target: its name, of a measure that joins several that of its site; by default the first.  error: the measure,
+        ``tcp`` at the tool, ``localisation`` or another.  At a worst vertex of bounded components the vertex stays.
+        Raises OutOfRangeError for an input by which the derivative is not known,
         where P95 itself is only sampled, and where fiducials are missed in some shots.
         """
         system = compile_design(self.design_at(values))
@@ -98,8 +99,10 @@ class DesignFunction:
             hint = "leave out loss_probability to have that of shots that miss none, or take differences of evaluations"
             raise OutOfRangeError(Problem("/fiducials/loss_probability", "no-derivative", detail, hint))
         chain = chain_of(system)
-        model = linearise_at(chain, _target_named(system, target))
-        law = _Law(model, error_law(model, error, P95))
+        metric = _find_metric(system, target, error)
+        points = [each for each in system.targets if each.name in metric.site.weights]
+        models = {each.name: linearise_at(chain, each) for each in points}
+        law = _Law(models, metric)
         slopes = [self._slope(k) for k in range(len(self.pointers))]
         by_input = [law.along(chain, slope, at) for slope, at in zip(slopes, self.pointers, strict=True)]
         return law.quantile.quantile_mm, np.array(by_input)
@@ -135,16 +138,19 @@ class DesignFunction:
             hint = "differentiate by half-widths, noise and positions of fiducials; any number can be evaluated"
             raise OutOfRangeError(Problem(self.pointers[k], "no-derivative", detail, hint))
         slopes = [(after - before) / step for before, after, _ in arrays]
-        count = len(model.blocks)
-        return _Slope(slopes[0] if slopes[0].any() else None, tuple(slopes[1 : 1 + count]), tuple(slopes[1 + count :]))
+        names, count = [block.contributor for block in model.blocks], len(model.blocks)
+        half_width, std = (dict(zip(names, each, strict=True)) for each in (slopes[1 : 1 + count], slopes[1 + count :]))
+        return _Slope(slopes[0] if slopes[0].any() else None, half_width, std)
 
 
 class _Law:
-    """The law of one error at one target, and the derivative of its P95 along a change of the chain."""
+    """The law of one measure at one site, and the derivative of its P95 along a change of the chain."""
 
-    def __init__(self, model: LinearModel, at: ErrorLaw) -> None:
-        self.model, self.at = model, at
-        self.quantile: LawQuantile = law_quantile(at.law, P95)
+    def __init__(self, models: Mapping[str, LinearModel], metric: Metric) -> None:
+        self.models, self.metric = models, metric
+        self.model = join(models, *metric)
+        self.at = error_law(self.model, metric.measure.name, P95)
+        self.quantile: LawQuantile = law_quantile(self.at.law, P95)
 
     @cached_property
     def gradient(self) -> LawGradient:
@@ -161,20 +167,24 @@ class _Law:
         return gradient
 
     def along(self, chain: Chain, slope: _Slope, pointer: str) -> float:
-        """d P95 by one number, mm per unit of it."""
+        """d P95 by one number, per unit of it."""
         error = self.at.error
         total = 0.0
         gains = [np.zeros((3, len(block.laws))) for block in self.model.blocks]
         if slope.points_mm is not None:
-            gains, bias_mm = _slopes_by_points(chain, self.model, slope.points_mm, error)
-            if bias_mm.any():
-                total += float(self.gradient.by_mean @ bias_mm)
+            each = {name: _slopes_by_points(chain, model, slope.points_mm) for name, model in self.models.items()}
+            joined = join(each, *self.metric)
+            gains, bias = [block.gain(error) for block in joined.blocks], joined.bias_mm(error)
+            if bias.any():
+                total += float(self.gradient.by_mean @ bias)
         columns = self.at.columns
         by_points = np.concatenate(gains, axis=1)
-        change = by_points * columns.std + columns.gain * np.concatenate(slope.std)
+        spread = np.concatenate([slope.std[block.contributor] for block in self.model.blocks])
+        change = by_points * columns.std + columns.gain * spread
         pull = self.gradient.by_covariance @ (columns.gain * columns.std)
         total += 2 * float((pull * change)[:, columns.kinds == NORMAL].sum())
-        change = by_points * columns.half_width + columns.gain * np.concatenate(slope.half_width)
+        spread = np.concatenate([slope.half_width[block.contributor] for block in self.model.blocks])
+        change = by_points * columns.half_width + columns.gain * spread
         if change[:, columns.wide].any():
             total += float((self.by_column * change[:, columns.wide]).sum())
         sources = [(block, j) for block in self.model.blocks for j in range(len(block.laws))]
@@ -191,20 +201,25 @@ class _Law:
         return sign
 
 
-def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error: str) -> tuple[list[Array], Array]:
-    """What moving the fiducials along points_mm (N, 3) does to the gains (3, k) of each block and to the bias (3,)."""
+def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array) -> ErrorModel:
+    """What moving the fiducials along points_mm (N, 3) does to gains and bias."""
     moved = _with_points(chain, chain.imaging.points + 1j * COMPLEX_STEP * points_mm)
     aim = model.reconstructed_mm.astype(np.complex128)  # whose kind some of the arrays take
     images = image_gains(moved, model.target, aim, model.tcp_from_localisation, model.tcp_from_flange)
     by_effect = images.by_effect(moved.system)
-    gains = [
-        np.imag(by_effect[block.contributor][error]) / COMPLEX_STEP
+
+    def slope(of: Array) -> Array:
+        return np.asarray(np.imag(of) / COMPLEX_STEP)
+
+    blocks = [
+        Block(block.effect, {error: slope(by_effect[block.contributor][error]) for error in block.gains})
         if block.effect.way is not Way.LINK
-        else np.zeros((3, len(block.laws)))
+        else Block(block.effect, {error: np.zeros_like(gain) for error, gain in block.gains.items()})
         for block in model.blocks
     ]
-    bias = sum((np.imag(each.of(error)) for each in images.known_shifts(moved.system)), np.zeros(3))
-    return gains, np.asarray(bias) / COMPLEX_STEP
+    known = images.known_shifts(moved.system)
+    biases = {error: slope(sum((each.of(error) for each in known), np.zeros(3))) for error in model.biases}
+    return ErrorModel(model.site, biases, (), tuple(blocks))
 
 
 def _with_points(chain: Chain, points: Array) -> Chain:
@@ -241,7 +256,7 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: Linea
     difference = next((name for name, first, second in pairs if not _is_same(first, second)), "")
     # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.
     if not difference and shift.any():
-        _, expected = _slopes_by_points(chain, model, shift, "tcp")
+        expected = _slopes_by_points(chain, model, shift).bias_mm("tcp")
         gap = np.abs(other.bias_mm("tcp") - model.bias_mm("tcp") - expected).max()
         if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.bias_mm("tcp")).max():
             difference = "the bias"
@@ -266,9 +281,10 @@ def _is_affine(none: Array, once: Array, twice: Array) -> bool:
     )
 
 
-def _target_named(system: System, name: str | None) -> Target:
-    named = [target for target in system.targets if name is None or target.name == name]
+def _find_metric(system: System, name: str | None, error: str) -> Metric:
+    sites = [metric for metric in system.metrics if metric.measure.name == error]
+    named = [metric for metric in sites if name in (None, metric.site.name)]
     if not named:
-        known = ", ".join(target.name for target in system.targets[:20])
+        known = ", ".join(metric.site.name for metric in sites[:20])
         raise OutOfRangeError(Problem("", "unknown-target", f"no target is called {name!r}; there are {known}"))
     return named[0]

@@ -25,8 +25,19 @@ from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
+from .measures import POINTS
 from .propagation.columns import Imaging, assemble_after, gains_of_images
-from .propagation.linear import Chain, LinearModel, chain_of, effects_of_images, linearise_all, linearise_at
+from .propagation.linear import (
+    Chain,
+    ErrorModel,
+    LinearModel,
+    chain_of,
+    effects_of_images,
+    join,
+    linearise_all,
+    linearise_at,
+    models_of,
+)
 from .propagation.noise import eliminate_for, room_for
 from .propagation.systematic import shift_together
 from .propagation.validity import QUANTILES, validity
@@ -79,17 +90,19 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
 
 
 class LossGains(NamedTuple):
-    """The S ways to lose so many fiducials, and what is left of the gains of the images; mm, con."""
+    """The S ways to lose so many fiducials, and what is left of the gains of the images at P places: at each target in
+    mm, con, then of each measure that joins several in its own unit and frame.
+    """
 
     kept: Array  # (S, N) 0 of what is lost, otherwise 1
-    imaged: Array  # (T, S, 3, 3) mm^2: covariance of what acts through single images, and of believed intrinsics
-    moved: Array  # (T, S, 3, K + G) mm: by each source that moves images together, then by all that is known
+    imaged: Array  # (P, S, 3, 3) mm^2: covariance of what acts through single images, and of believed intrinsics
+    moved: Array  # (P, S, 3, K + G) mm: by each source that moves images together, then by all that is known
 
 
 class Rest(NamedTuple):
-    """What of the law of an error no loss changes, at T targets."""
+    """What of the law of an error no loss changes, at T sites."""
 
-    to_error: Array  # (T, 3, 3) from con to the error's frame
+    to_error: Array  # (T, 3, 3) from the frame of ``LossGains`` to the error's
     beyond: Array  # (T, 3, K + G) mm: what these do beyond the images
     std: Array  # (K,) of these sources
     mean: Array  # (T, 3) mm: less what comes through the images
@@ -108,27 +121,57 @@ class Ranking(NamedTuple):
 
 
 @kernel(nogil=True)
-def lose(imaging: Imaging, aims: Array, shifts: Array, std: Array, weights: Array, imaged: Array, moved: Array) -> None:
+def lose(
+    imaging: Imaging,
+    aims: Array,
+    joints: Array,
+    apart: NDArray[np.bool_],
+    shifts: Array,
+    std: Array,
+    weights: Array,
+    gains: tuple[Array, Array],
+) -> None:
     """Fill the arrays of ``LossGains``.
 
-    aims (T, 3) mm: the targets, reconstructed without noise; shifts (T, V, 2 N + 2, C) px as ``columns.assemble`` takes
-    them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's estimate uses a fiducial.
+    aims (T, 3) mm: the targets, reconstructed without noise; joints (P - T, T, 3, 3): what a displacement of each does
+    to the measures that join several; apart (M,): which sources each target has of its own; shifts (T, V, 2 N + 2, C)
+    px as ``columns.assemble`` takes them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's
+    estimate uses a fiducial; gains: imaged and moved.
     """
-    columns, row_weights = np.zeros((3, std.size + moved.shape[3])), np.zeros((weights.shape[1], 2, 2))
+    imaged, moved = gains
+    targets = aims.shape[0]
+    each, row_weights = np.zeros((targets, 3, std.size + moved.shape[3])), np.zeros((weights.shape[1], 2, 2))
+    joined = np.zeros((targets + 1, 3, std.size + moved.shape[3]))  # what is common, then what each target has
     eliminated = room_for(weights.shape[1], imaging.points)
     for s in range(weights.shape[0]):
         eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights[s], eliminated)
-        for t in range(aims.shape[0]):
-            assemble_after(eliminated, imaging, weights[s], aims[t], shifts[t], columns, row_weights)
-            for a in range(3):
-                for k in range(moved.shape[3]):
-                    moved[t, s, a, k] = columns[a, std.size + k]
-                for b in range(a + 1):
-                    total = 0.0
-                    for n in range(std.size):
-                        total += columns[a, n] * std[n] * (columns[b, n] * std[n])
-                    imaged[t, s, a, b] = total
-                    imaged[t, s, b, a] = total
+        for t in range(targets):
+            assemble_after(eliminated, imaging, weights[s], aims[t], shifts[t], each[t], row_weights)
+            _sum_columns(each[t : t + 1], std, imaged[t, s], moved[t, s])
+        for j in range(joints.shape[0]):
+            joined[:] = 0.0
+            for t in range(targets):
+                for k in range(each.shape[2] if joints[j, t].any() else 0):
+                    at = t + 1 if k < std.size and apart[k] else 0
+                    for a in range(3):
+                        for b in range(3):
+                            joined[at, a, k] += joints[j, t, a, b] * each[t, b, k]
+            _sum_columns(joined, std, imaged[targets + j, s], moved[targets + j, s])
+
+
+@kernel()
+def _sum_columns(columns: Array, std: Array, imaged: Array, moved: Array) -> None:
+    """Fill imaged (3, 3) and moved (3, K + G); columns (J, 3, M + K + G): those of the first alone move together."""
+    for a in range(3):
+        for k in range(moved.shape[1]):
+            moved[a, k] = columns[0, a, std.size + k]
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(columns.shape[0]):
+                for n in range(std.size):
+                    total += columns[j, a, n] * std[n] * (columns[j, b, n] * std[n])
+            imaged[a, b] = total
+            imaged[b, a] = total
 
 
 @kernel(nogil=True)
@@ -184,7 +227,7 @@ def rank(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) ->
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """An error at a target over all shots, those in which fiducials are missed among them, as far as first order tells.
+    """A measure at a site over all shots, those in which fiducials are missed among them, as far as first order tells.
 
     Where the quantile of a simulation lies follows from what was calibrated of each structure that may be left.  With
     an error of a fraction d in P95, t(q) d at the quantile of order q (``QUANTILES``, between them by log(1 - q)), so
@@ -268,9 +311,15 @@ class LossSearch:
         self.chain, self.models = chain, models
         self.system = chain.system
         self.count = len(chain.system.fiducials_mm)
+        self.metrics = {metric.key: metric for metric in chain.system.metrics}
+        self.every = models_of(chain.system, models)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
+        joined = [key for key, metric in self.metrics.items() if metric.measure not in POINTS]
+        self.joined = {key: len(models) + k for k, key in enumerate(joined)}  # of what is made of several
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)
+        self._parts = lru_cache(maxsize=None)(self._find_parts)
+        self._effects = lru_cache(maxsize=None)(self._find_effects)
         self._rest = lru_cache(maxsize=None)(self._find_rest)
         self._ranking = lru_cache(maxsize=None)(self._rank)
         self._refusal = lru_cache(maxsize=None)(self._find_refusal)
@@ -280,9 +329,14 @@ class LossSearch:
         self._losses: dict[int, LossGains] = {}
 
     @cached_property
+    def _of_images(self) -> tuple[Effect, ...]:
+        """Whose sources act through single images."""
+        return effects_of_images(self.system)
+
+    @cached_property
     def _std(self) -> Array:
         """(M,) of every source that acts through single images."""
-        return np.concatenate([effect.sources.std for effect in effects_of_images(self.system)])
+        return np.concatenate([effect.sources.std for effect in self._of_images])
 
     @cached_property
     def _moved_together(self) -> tuple[Array, Array]:
@@ -295,18 +349,24 @@ class LossSearch:
         """Of so many fiducials, at every target of the system."""
         if lost not in self._losses:
             masks, (shifts, at_flange) = subsets(self.count, lost), self._moved_together
-            size, weights = (len(self.place), len(masks), 3), self.chain.weights * masks[:, None]
+            size, weights = (len(self.place) + len(self.joined), len(masks), 3), self.chain.weights * masks[:, None]
             gains = LossGains(masks, np.empty((*size, 3)), np.empty((*size, at_flange.shape[2])))
             aims = np.array([model.reconstructed_mm for model in self.models.values()])
-            lose(self.chain.imaging, aims, shifts, self._std, weights, gains.imaged, gains.moved)
+            joints = np.zeros((len(self.joined), len(self.place), 3, 3))
+            for j, key in enumerate(self.joined):
+                for name, turn, _ in self._parts(*key):
+                    joints[j, self.place[name]] = turn
+            apart = np.concatenate([np.full(each.sources.count, each.of_target) for each in self._of_images])
+            lose(self.chain.imaging, aims, joints, apart, shifts, self._std, weights, gains[1:])
             self._losses[lost] = gains
         return self._losses[lost]
 
-    def model_without(self, name: str, lost: Sequence[str]) -> LinearModel:
-        """The linear model at a target, these fiducials lost; its validity number is that of all."""
+    def model_without(self, name: str, error: str, lost: Sequence[str]) -> ErrorModel:
+        """The linear model of a measure at a site, these fiducials lost; its validity number is that of all."""
         mask = np.array([label not in lost for label in self.system.fiducial_labels], dtype=np.float64)
-        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * mask)
-        return linearise_at(rest, whole.target, whole)
+        rest, metric = replace(self.chain, weights=self.chain.weights * mask), self.metrics[name, error]
+        wholes = [self.models[target] for target in metric.site.weights]
+        return join({whole.site: linearise_at(rest, whole.target, whole) for whole in wholes}, *metric)
 
     def labels(self, mask: Array) -> tuple[str, ...]:
         return tuple(label for label, here in zip(self.system.fiducial_labels, mask, strict=True) if not here)
@@ -384,7 +444,8 @@ class LossSearch:
 
     def _find_shots(self, name: str, error: str, quantile: float) -> Shots:
         masks, weights, examined = self._patterns(error, quantile, (name,))
-        errors = np.array([self._error_of(name, mask.tobytes()) for mask in masks])
+        targets = self.metrics[name, error].site.weights
+        errors = np.array([max(self._error_of(target, mask.tobytes()) for target in targets) for mask in masks])
         return Shots(self._mix(name, error, quantile, masks, weights), errors, max(1.0 - examined, 0.0))
 
     def _find_error(self, name: str, mask: bytes) -> float:
@@ -447,63 +508,77 @@ class LossSearch:
         return ""
 
     def _find_law(self, name: str, error: str, quantile: float) -> ErrorLaw:
-        return error_law(self.models[name], error, quantile)
+        return error_law(self.every[name, error], error, quantile)
+
+    def _find_parts(self, name: str, error: str) -> list[tuple[str, Array, Array]]:
+        """Of each target of a site its name, what a displacement of it in con does to the error (3, 3), and what moves
+        images together does to that beyond the images (3, K + G)."""
+        parts = []
+        for target, weights in self.metrics[name, error].site.weights.items():
+            model, of_tcp, of_localisation = self.models[target], weights[:, :3], weights[:, 3:]
+            beyond = of_tcp @ model.tcp_from_flange @ self._moved_together[1][self.place[target]]
+            parts.append((target, of_tcp @ model.tcp_from_localisation + of_localisation, beyond))
+        return parts
 
     def _frame(self, name: str, error: str) -> tuple[Array, Array]:
-        """To the error's frame from con (3, 3), and what moves images together does beyond the images (3, K + G) mm."""
-        at_flange = self._moved_together[1][self.place[name]]
-        if error != "tcp":
-            return np.eye(3), np.zeros_like(at_flange)
-        return self.models[name].tcp_from_localisation, self.models[name].tcp_from_flange @ at_flange
+        """To the error's frame from that of ``LossGains`` (3, 3), and what moves images together does beyond them."""
+        _, turns, beyond = zip(*self._parts(name, error), strict=True)
+        return np.eye(3) if (name, error) in self.joined else turns[0], np.sum(beyond, axis=0)
 
     def _law_without(self, name: str, error: str, quantile: float, mask: Array) -> tuple[LinearLaw, Array]:
         """The law at its bias, fiducials with a 0 in mask (N,) lost, and what its bounded sources do (3, q), mm."""
-        model, shifts = self.models[name], self._moved_together[0][self.place[name]]
-        left, _ = gains_of_images(self.chain.imaging, self.chain.weights * mask, model.reconstructed_mm, shifts)
-        (turn, beyond), count = self._frame(name, error), self._std.size
-        columns, moved = turn @ left[:, :count], turn @ left[:, count:] + beyond
-        every = self._law(name, error, quantile).columns
-        gain = every.gain.copy()
-        gain[:, self._ways == Way.IMAGES] = columns
-        shared = self._ways == Way.SHARED
-        gain[:, shared] = moved[:, : shared.sum()]
+        columns, moved, count = [], [], self._std.size
+        for target, turn, beyond in self._parts(name, error):
+            aim, shifts = self.models[target].reconstructed_mm, self._moved_together[0][self.place[target]]
+            left, _ = gains_of_images(self.chain.imaging, self.chain.weights * mask, aim, shifts)
+            columns.append(turn @ left[:, :count])
+            moved.append(turn @ left[:, count:] + beyond)
+        model, every = self.every[name, error], self._law(name, error, quantile).columns
+        ways, _ = self._effects(name, error)
+        gain, together = every.gain.copy(), np.sum(moved, axis=0)
+        gain[:, ways == Way.IMAGES] = columns[0] if len(columns) == 1 else self._join_columns(columns)
+        shared = ways == Way.SHARED
+        gain[:, shared] = together[:, : shared.sum()]
         every = every._replace(gain=gain)
         bounded = every.only((every.kinds == BOUNDED) & (every.half_width > 0))
-        mean = model.bias_mm(error) - model.imaged_bias_mm(error) + moved[:, shared.sum() :].sum(axis=1)
+        mean = model.bias_mm(error) - model.imaged_bias_mm(error) + together[:, shared.sum() :].sum(axis=1)
         return law_of(mean, every), bounded.gain * bounded.half_width
 
-    @cached_property
-    def _effects(self) -> list[Effect]:
-        """K: that of each source, in the order of the blocks."""
-        blocks = next(iter(self.models.values())).blocks
-        return [block.effect for block in blocks for _ in block.laws]
+    def _join_columns(self, columns: Sequence[Array]) -> Array:
+        """What several targets (3, M) have in common as sums, what each has of its own side by side, by effect."""
+        ends = np.cumsum([effect.sources.count for effect in self._of_images])[:-1]
+        parts = zip(*(np.split(each, ends, axis=1) for each in columns), strict=True)
+        pairs = zip(self._of_images, parts, strict=True)
+        return np.hstack([np.hstack(each) if effect.of_target else np.sum(each, axis=0) for effect, each in pairs])
 
-    @cached_property
-    def _ways(self) -> NDArray[np.str_]:
-        """(K,) how the gains of each source are found."""
-        return np.array([effect.way for effect in self._effects])
+    def _find_effects(self, name: str, error: str) -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
+        """(K,) of each source, in the order of the blocks, how its gains are found, and whether it is one of many."""
+        every = [block.effect for block in self.every[name, error].blocks for _ in block.laws]
+        return np.array([effect.way for effect in every]), np.array([effect.is_grouped for effect in every])
 
     def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...]) -> Rest:
-        laws = [self._law(name, error, quantile) for name in targets]
-        frames = [self._frame(name, error) for name in targets]
-        gain, ways = np.stack([law.columns.gain for law in laws]), self._ways
-        _, std, half_width, kinds, _ = laws[0].columns
+        each = [self._find_rest_at(name, error, quantile) for name in targets]
+        return Rest(*map(np.stack, zip(*each, strict=True)))._replace(std=each[0].std)
+
+    def _find_rest_at(self, name: str, error: str, quantile: float) -> Rest:
+        """At one site."""
+        law, model = self._law(name, error, quantile), self.every[name, error]
+        ways, grouped = self._effects(name, error)
+        gain, std, half_width, kinds, _ = law.columns
         behind = ways == Way.LINK
-        uneven = laws[0].columns.wide & ~np.array([effect.is_grouped for effect in self._effects])
-        scaled = gain[..., behind] * std[behind]
-        models = [self.models[name] for name in targets]
+        uneven = law.columns.wide & ~grouped
+        scaled = gain[:, behind] * std[behind]
         return Rest(
-            np.stack([turn for turn, _ in frames]),
-            np.stack([beyond for _, beyond in frames]),
+            *self._frame(name, error),
             std[ways == Way.SHARED],
-            np.stack([law.worst.mean_mm - m.imaged_bias_mm(error) for law, m in zip(laws, models, strict=True)]),
-            scaled @ np.swapaxes(scaled, -1, -2),
-            *columns_in_cumulants(gain[..., uneven] * half_width[uneven], kinds[uneven]),
+            law.worst.mean_mm - model.imaged_bias_mm(error),
+            scaled @ scaled.T,
+            *columns_in_cumulants(gain[:, uneven] * half_width[uneven], kinds[uneven]),
         )
 
     def _rank(self, lost: int, error: str, quantile: float, targets: tuple[str, ...]) -> Ranking:
         losses, rest = self.losses(lost), self._rest(error, quantile, targets)
-        which = [self.place[name] for name in targets]
+        which = [self.joined.get((name, error), self.place.get(name, 0)) for name in targets]
         size = len(which), len(losses.kept)
         ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
         rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)

@@ -20,14 +20,13 @@ from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
-from .measures.measure import Measure
 from .propagation.linear import (
     ErrorModel,
     LinearModel,
     chain_of,
     covariance_block_diagonal,
-    join_all,
     linearise_all,
+    models_of,
 )
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import error_percent, widen_validity, worst_validity
@@ -115,7 +114,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.joining_metrics),
+        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.derived_metrics),
     )
 
 
@@ -161,8 +160,6 @@ def _losses(
     whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
     for item in system.requirements or (whole,):
-        if MEASURE[item.error] not in POINTS:  # a loss is looked for at one target
-            continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
             values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
@@ -180,7 +177,7 @@ def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
     loss = search.worst(lost, item.error, item.quantile, item.targets)
     if item.units_fraction is None or loss.value is None:
         return loss
-    model = search.model_without(loss.target, loss.lost)
+    model = search.model_without(loss.target, item.error, loss.lost)
     at = error_law(model, item.error, item.quantile)
     risk = risk_of_units(model, at, item.quantile, item.limit, item.units_fraction)
     return replace(loss, value=risk.value_mm)
@@ -244,10 +241,9 @@ class ErrorScore:
 
     model: ErrorModel
     at: ErrorLaw
-    limit_mm: float | None
+    limit: float | None
     summary: LawSummary
     search: LossSearch | None = None  # where fiducials are missed
-    whole: bool = True  # false: fiducials are missed in some shots, and what that does to this measure is not known
 
     def law_at(self, quantile: float) -> ErrorLaw:
         """At the vertex that is worst for a quantile."""
@@ -257,41 +253,45 @@ class ErrorScore:
         """All shots, where fiducials are missed in some of them."""
         return None if self.search is None else self.search.shots(self.model.site, self.at.error, quantile)
 
-    def unit_risk(self, quantile: float, limit_mm: float | None, fraction: float) -> UnitRisk:
+    @property
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (3,) and covariance (3, 3)."""
+        shots = self.shots(P95)
+        if shots is None:
+            return self.at.law.mean, self.at.total_covariance
+        return shots.law.mean, shots.law.total_covariance
+
+    def unit_risk(self, quantile: float, limit: float | None, fraction: float) -> UnitRisk:
         """Installation drawn once per unit, noise, repeatability and load at each shot; no fiducial missed."""
-        return risk_of_units(self.model, self.law_at(quantile), quantile, limit_mm, fraction)
+        return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction)
 
 
-def risk_of_units(
-    model: ErrorModel, at: ErrorLaw, quantile: float, limit_mm: float | None, fraction: float
-) -> UnitRisk:
-    """What ``fraction`` of installed units keep their own quantile within, mm, and how many keep a limit (mm).
+def risk_of_units(model: ErrorModel, at: ErrorLaw, quantile: float, limit: float | None, fraction: float) -> UnitRisk:
+    """What ``fraction`` of installed units keep their own quantile within, and how many keep a limit.
 
     Installation drawn once per unit, noise, repeatability and load at each shot; ``at`` is the law of the error.
     """
     once = at.columns.per_unit
     installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
-    return unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
+    return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
 
 def _score_metrics(
     system: System, models: dict[str, LinearModel], search: LossSearch | None
 ) -> dict[tuple[str, str], ErrorScore]:
     """Every measure wherever it is read, by the names of site and measure."""
-    every: dict[str, ErrorModel] = {**models, **join_all(system, models)}
     return {
-        metric.key: _score_error(system, every[metric.site.name], metric.measure, search) for metric in system.metrics
+        (name, error): _score_error(system, model, error, search)
+        for (name, error), model in models_of(system, models).items()
     }
 
 
-def _score_error(system: System, model: ErrorModel, measure: Measure, search: LossSearch | None) -> ErrorScore:
-    at = error_law(model, measure.name, P95)
-    limit = tightest_limit(system, model.site, measure.name)
-    if search is None or not system.loss_probability or measure not in POINTS:
-        whole = not system.loss_probability
-        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit), whole=whole)
-    summary = search.shots(model.site, measure.name, P95).law.summary(P95, limit)
-    return ErrorScore(model, at, limit, summary, search)
+def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
+    at = error_law(model, error, P95)
+    limit = tightest_limit(system, model.site, error)
+    if search is None or not system.loss_probability:
+        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
+    return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 
 
 def _score_measure(error: ErrorScore) -> MeasureResult:
@@ -301,12 +301,12 @@ def _score_measure(error: ErrorScore) -> MeasureResult:
         site=error.model.site,
         words=measure.words,
         unit=measure.unit,
-        known=float(np.linalg.norm(error.at.law.mean)),
+        known=float(np.linalg.norm(error.moments[0])),
         mean=summary.mean_norm_mm,
         p95=summary.quantile.quantile_mm,
         p95_interval=None,
         cvar95=summary.cvar_mm,
-        limit=error.limit_mm,
+        limit=error.limit,
         exceedance_probability=summary.exceedance,
     )
 
@@ -333,10 +333,7 @@ def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, sec
 
 
 def _metric(error: ErrorScore) -> MetricScore:
-    shots, summary = error.shots(P95), error.summary
-    mean, total = error.at.law.mean, error.at.total_covariance
-    if shots is not None:
-        mean, total = shots.law.mean, shots.law.total_covariance
+    summary, (mean, total) = error.summary, error.moments
     return MetricScore(
         frame=MEASURE[error.at.error].frame,
         bias_mm=vector3(mean),
@@ -348,7 +345,7 @@ def _metric(error: ErrorScore) -> MetricScore:
         law_error_mm=summary.quantile.error_mm,
         bounds_mm=bounds(P95, mean, total),
         cvar95_mm=summary.cvar_mm,
-        limit_mm=error.limit_mm,
+        limit_mm=error.limit,
         exceedance_probability=summary.exceedance,
     )
 
@@ -356,7 +353,7 @@ def _metric(error: ErrorScore) -> MetricScore:
 def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     """At the tightest requirement on each unit of the TCP error; without one, P95 at the target's limit."""
     each = [item for item in _list_requirements(system, tcp.model.site, "tcp") if item.risk == "per_unit"]
-    quantile, fraction, limit_mm = P95, P95, tcp.limit_mm
+    quantile, fraction, limit_mm = P95, P95, tcp.limit
     if each:
         own = min(each, key=lambda item: item.limit)
         quantile, limit_mm, fraction = own.quantile, own.limit, own.units_fraction or P95
@@ -399,46 +396,40 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     )
 
 
+OPEN: Interval = (0.0, inf)  # nothing is known
+
+
 def check_requirement(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:
     """A requirement held against the estimate at one target, of the error that it limits.
 
     trust: of shots in which no fiducial is missed.
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
-    words, why = MEASURE[requirement.error].words, ""
+    met, why = None, ""
+    if fraction is not None:
+        risk = error.unit_risk(p, requirement.limit, fraction)
+        value, met = risk.value_mm, risk.yield_fraction
+        # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
+        doubt = 3 * risk.standard_error_mm
+        interval = _error_band(max(value - doubt, 0.0), trust, p)[0], _error_band(value + doubt, trust, p)[1]
+        if shots is not None:
+            interval, why = OPEN, "no estimate is known of the risk of each unit where fiducials are missed"
+    elif shots is not None:
+        value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
+    else:
+        value = (error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)).quantile_mm
+        interval = _error_band(value, trust, p)
     if not MEASURE[requirement.error].calibrated:
-        why = f"what first order errs by in {words} was not calibrated"
-    elif not error.whole:
-        why = f"no estimate is known of {words} where fiducials are missed"
-    if why:
-        value, met = law_quantile(error.law_at(p).law, p).quantile_mm, None
-        if fraction is not None:
-            risk = error.unit_risk(p, requirement.limit, fraction)
-            value, met = risk.value_mm, risk.yield_fraction
-        return judge(requirement, target, value, (0.0, inf), met, open_because=why)
-    if fraction is None and shots is not None:
-        return judge(
-            requirement, target, shots.value(p), shots.interval(p), missed=True, open_because=shots.why_open(p)
-        )
-    if fraction is None:
-        quantile = error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)
-        return judge(requirement, target, quantile.quantile_mm, _error_band(quantile.quantile_mm, trust, p))
-    risk = error.unit_risk(p, requirement.limit, fraction)
-    if shots is not None:
-        why = "no estimate is known of the risk of each unit where fiducials are missed"
-        return judge(requirement, target, risk.value_mm, (0.0, inf), risk.yield_fraction, open_because=why)
-    # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
-    doubt = 3 * risk.standard_error_mm
-    low, _ = _error_band(max(risk.value_mm - doubt, 0.0), trust, p)
-    _, high = _error_band(risk.value_mm + doubt, trust, p)
-    return judge(requirement, target, risk.value_mm, (low, high), risk.yield_fraction)
+        interval, why = OPEN, f"what first order errs by in {MEASURE[requirement.error].words} was not calibrated"
+    missed = shots is not None and fraction is None
+    return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
 
 def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
     percent = error_percent(trust, quantile)
     if isinf(percent):
-        return (0.0, inf)
+        return OPEN
     return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
 
 

@@ -147,7 +147,8 @@ def _compute_point(
             result = verify(varied, trials=check.trials, seed=check.seed, max_trials=check.max_trials, threads=threads)
     except TailstackError as error:
         return SweepPoint(values, "refused", describe_refusal(error), (), None)
-    return SweepPoint(values, "ok", None, tuple(_target(target) for target in result.targets), result.verdict.status)
+    targets = tuple(_target(target) for target in result.targets)
+    return SweepPoint(values, "ok", None, targets, result.verdict.status, result.measures)
 
 
 def assemble_sweep(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array
 from .geometry.rotation import RotationForm
-from .measures import Metric, joined_at, metrics_at
+from .measures import Metric, derived_at, metrics_at
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -558,12 +558,12 @@ class System:
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """Every measure wherever it is read."""
-        return metrics_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
+        return metrics_at(self.targets, self.T_tcp_con)
 
     @property
-    def joining_metrics(self) -> tuple[Metric, ...]:
-        """The last of ``metrics``: of measures that join several targets."""
-        return joined_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
+    def derived_metrics(self) -> tuple[Metric, ...]:
+        """The last of ``metrics``: of what is made of the errors at targets."""
+        return derived_at(self.targets, self.T_tcp_con)
 
     @property
     def T_tcp_con(self) -> Array:

@@ -47,7 +47,7 @@ from .montecarlo.stopping import (
     simulate_to_decision,
     simulate_to_precision,
 )
-from .propagation.linear import ErrorModel, LinearModel, chain_of, join_all, linearise_all
+from .propagation.linear import ErrorModel, LinearModel, chain_of, linearise_all, models_of
 from .results import (
     Check,
     DrawnLosses,
@@ -169,7 +169,7 @@ class PreparedDesign:
     findings: tuple[Finding, ...]
     trust: Validity
     models: dict[str, LinearModel]  # by target
-    joined: dict[str, ErrorModel]  # of measures that join several targets, by their sites
+    every: dict[Key, ErrorModel]  # of every measure wherever it is read
     worst: dict[Key, WorstCase]
     vertices: dict[Key, tuple[Vertex, ...]]
     plans: dict[Vertex, ChainPlan]
@@ -177,9 +177,9 @@ class PreparedDesign:
 
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
-        if self.search is not None and MEASURE[error] in POINTS:
+        if self.search is not None:
             return self.search.law_of_simulation(name, error, P95)
-        law, _ = declared_law(self.models.get(name) or self.joined[name], error, self.worst[name, error].mean_mm)
+        law, _ = declared_law(self.every[name, error], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
 
     @property
@@ -223,22 +223,20 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
     system, findings, _ = checked_system(design)
     chain = chain_of(system)
     models = linearise_all(chain)
-    joined = join_all(system, models)
-    every: dict[str, ErrorModel] = {**models, **joined}
-    keys = [metric.key for metric in system.metrics]
-    worst = {(name, error): worst_case(every[name], error, P95) for name, error in keys}
+    every = models_of(system, models)
+    worst = {(name, error): worst_case(model, error, P95) for (name, error), model in every.items()}
     vertices: dict[Key, tuple[Vertex, ...]] = {}
-    for name, error in keys:
+    for (name, error), model in every.items():
         limited = {r.quantile for r in system.requirements if r.error == error and name in r.targets}
         quantiles = (P95, *sorted(limited - {P95}))
-        ends = [end for quantile in quantiles for end in worst_vertices(every[name], error, quantile)]
+        ends = [end for quantile in quantiles for end in worst_vertices(model, error, quantile)]
         # Where the error is blind to a component, the TCP error's worst vertex serves: one run instead of two.
-        elsewhere = worst.get((name, "tcp"), worst[keys[0]]).vertex(every[name])
+        elsewhere = worst.get((name, "tcp"), next(iter(worst.values()))).vertex(model)
         vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
     wanted = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
     plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in wanted if sampled}
     search = LossSearch(chain, models) if system.loss_probability else None
-    return PreparedDesign(system, findings, trust_of(system, models), models, joined, worst, vertices, plans, search)
+    return PreparedDesign(system, findings, trust_of(system, models), models, every, worst, vertices, plans, search)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -617,7 +615,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
         losses=drawn,
-        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.joining_metrics),
+        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.derived_metrics),
     )
 
 

@@ -28,17 +28,15 @@ from scenes import (
     with_unseen,
 )
 from tailstack import load_design, score, verify
-from tailstack.contributors import error_law, worst_case
+from tailstack.contributors import worst_case
 from tailstack.design import compile_design
 from tailstack.estimation.resection import project
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
 from tailstack.results import SlipReliability
-from tailstack.scoring import ErrorScore, check_requirement
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import declared, sampling
-from tailstack.tail.declared import law_summary
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[1] / "data"
@@ -456,17 +454,3 @@ def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
     some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True).reliability
     assert len(some) == 15
     assert score(system).reliability == ()
-
-
-def test_an_estimate_without_missed_fiducials_decides_nothing_of_shots_that_miss_some() -> None:
-    """A measure that joins targets: what missed fiducials do to it is not estimated."""
-    system = cios_system()
-    model = linearise(system, system.targets[0])
-    at = error_law(model, "tcp", 0.95)
-    error = ErrorScore(model, at, None, law_summary(at.law, 0.95, None))
-    wide = Requirement("wide", "tcp", 0.95, 50.0, 0.95, (system.targets[0].name,))
-    trust = score(system).validity
-    assert check_requirement(wide, system.targets[0].name, trust, error).status == "pass"
-    check = check_requirement(wide, system.targets[0].name, trust, replace(error, whole=False))
-    assert check.status == "inconclusive"
-    assert "where fiducials are missed" in check.open_because

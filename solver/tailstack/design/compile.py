@@ -86,7 +86,7 @@ def _compile(design: Design) -> System:
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
     tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)
-    metrics = metrics_at({target.name: target.position_mm for target in targets}, tcp_flange @ flange_con)
+    metrics = metrics_at(targets, tcp_flange @ flange_con)
     half_width = np.empty(fiducials.shape)
     half_width[:] = 0.0 if made is None else made.half_width_mm
     return System(
@@ -221,8 +221,8 @@ def _requirement(
     own = (metric.site for metric in metrics if metric.measure.name == item.error)
     sites = tuple([site.name for site in own if names.issuperset(site.weights)])
     if not sites:
-        detail = f"{MEASURE[item.error].words} joins several targets, and is read nowhere among those that are named"
-        raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, "name more targets, or all"))
+        detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
+        raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, f"it takes {MEASURE[item.error].needs}"))
     return Requirement(
         item.name, item.error, item.quantile, item.limit, item.confidence, sites, item.risk, item.min_yield
     )

@@ -6,15 +6,14 @@ for them here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from . import localisation, tcp
 from .measure import Measure, Site
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from .measure import Aim, Array
 
 MEASURES: tuple[Measure, ...] = (
     tcp.MEASURE,
@@ -42,15 +41,14 @@ class Metric(NamedTuple):
         return self.site.name, self.measure.name
 
 
-def metrics_at(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Metric, ...]:
-    """Every measure wherever it is read: ``POINTS`` target by target, then the others.  targets (3,) mm, con, by name;
-    to_tcp (4, 4) from con."""
+def metrics_at(targets: Sequence[Aim], to_tcp: Array) -> tuple[Metric, ...]:
+    """Every measure wherever it is read: ``POINTS`` target by target, then the others.  to_tcp (4, 4) from con."""
     of_points = zip(*(measure.sites(targets, to_tcp) for measure in POINTS), strict=True)
     points = [Metric(*each) for sites in of_points for each in zip(POINTS, sites, strict=True)]
-    return (*points, *joined_at(targets, to_tcp))
+    return (*points, *derived_at(targets, to_tcp))
 
 
-def joined_at(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Metric, ...]:
-    """Of ``metrics_at`` those of measures that join several targets, which are the last."""
-    joining = MEASURES[len(POINTS) :]
-    return tuple(Metric(measure, site) for measure in joining for site in measure.sites(targets, to_tcp))
+def derived_at(targets: Sequence[Aim], to_tcp: Array) -> tuple[Metric, ...]:
+    """Of ``metrics_at`` those of other measures than ``POINTS``, which are the last."""
+    others = MEASURES[len(POINTS) :]
+    return tuple(Metric(measure, site) for measure in others for site in measure.sites(targets, to_tcp))

@@ -2,20 +2,30 @@
 
 At each target two errors are known, with all that they have in common: at the tool, in tcp, and as located, in con, mm.
 A measure is linear in them, ``e = sum over targets of weights @ (error at the tool, error as located)``; its number is
-the norm of e.
+the norm of e.  Of fewer than three components the other rows are 0: its law then lies exactly in a plane or on a line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Weights = NDArray[np.float64]  # (3, 6) per mm: of the error at the tool, x, y and z in tcp, then as located, in con
+    Array = NDArray[np.float64]
+    Sites = Callable[[Sequence["Aim"], Array], tuple["Site", ...]]  # of all targets, and (4, 4) from con to tcp
+
+
+class Aim(Protocol):
+    """A target, as a measure sees it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def position_mm(self) -> Array: ...  # (3,) con
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +33,7 @@ class Site:
     """Where a measure is read."""
 
     name: str  # of the target, or what joins several, "A to B": as records name it
-    weights: Mapping[str, Weights]  # by the names of the targets
+    weights: Mapping[str, Array]  # by target (3, 6): of the error at the tool, x, y, z in tcp, then as located, in con
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +45,9 @@ class Measure:
     brief: str  # the same in a table, behind P95; empty where nothing need be said
     meaning: str  # one sentence without a full stop, of the field by which a requirement names it
     frame: str  # of e
-    sites: Callable[[Mapping[str, NDArray[np.float64]], NDArray[np.float64]], tuple[Site, ...]]
-    """Where it is read, of targets (3,) mm, con, by name, and the transform (4, 4) from con to tcp."""
+    sites: Sites
+    """Where it is read: nowhere, unless the design declares what it takes."""
+    needs: str = "more targets, or all"  # what to declare, or to name, where a requirement finds no site
     unit: str = "mm"  # of e; the field of a limit is named after it
     calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
 
@@ -46,13 +57,13 @@ class Measure:
         return f"limit_{self.unit}"
 
 
-def at_each_target(first: int) -> Callable[[Mapping[str, NDArray[np.float64]], NDArray[np.float64]], tuple[Site, ...]]:
+def at_each_target(first: int) -> Sites:
     """Sites of one of the two errors itself, at every target; first: its first column in the weights."""
 
-    def sites(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Site, ...]:
+    def sites(targets: Sequence[Aim], to_tcp: Array) -> tuple[Site, ...]:
         import numpy as np  # here: who only names measures waits for no arrays
 
         picked = np.eye(6)[first : first + 3]
-        return tuple(Site(name, {name: picked}) for name in targets)
+        return tuple(Site(target.name, {target.name: picked}) for target in targets)
 
     return sites

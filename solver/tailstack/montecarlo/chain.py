@@ -65,14 +65,14 @@ class TrialResults(NamedTuple):
         """
         targets, _, _, count = self.errors.shape
         points = np.ascontiguousarray(self.errors).reshape(-1, 3, count)
-        joined = system.joining_metrics
-        if not joined:
+        derived = system.derived_metrics
+        if not derived:
             return points
         places = {target.name: t for t, target in enumerate(system.targets)}
         both = self.errors.reshape(targets, 6, count)
         others = [
             sum((weights[:, :, None] * both[places[name]]).sum(axis=1) for name, weights in site.weights.items())
-            for _, site in joined
+            for _, site in derived
         ]
         return np.concatenate([points, others])
 

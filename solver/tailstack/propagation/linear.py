@@ -366,13 +366,16 @@ def linearise_all(chain: Chain) -> dict[str, LinearModel]:
     return {target.name: linearise_at(chain, target) for target in chain.system.targets}
 
 
-def join_all(system: System, models: Mapping[str, LinearModel]) -> dict[str, ErrorModel]:
-    """The linear models of all measures that join several targets, by their sites; models: at every target."""
-    return {site.name: join(models, measure, site) for measure, site in system.joining_metrics}
+def models_of(system: System, models: Mapping[str, LinearModel]) -> dict[tuple[str, str], ErrorModel]:
+    """The linear model of every measure wherever it is read, by the names of site and measure; models: at targets."""
+    return {
+        metric.key: models[metric.site.name] if metric.measure in POINTS else join(models, *metric)
+        for metric in system.metrics
+    }
 
 
-def join(models: Mapping[str, LinearModel], measure: Measure, site: Site) -> ErrorModel:
-    """The linear model of a measure that joins several targets.
+def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> ErrorModel:
+    """The linear model of a measure made of the errors at targets.
 
     What acts on the image of a target (``Effect.of_target``) is drawn for each of them, everything else once for all.
     """

@@ -179,7 +179,7 @@ def verdict_sentence(verdict: Verdict, provenance: Provenance) -> str:
 
 
 def measures_frames(measures: tuple[MeasureResult, ...]) -> tuple[Frame, ...]:
-    """Measures that join several targets, if there are any."""
+    """Measures made of the errors at targets, if there are any."""
     return (frame(MeasureResult, "measures", measures, measures_table(measures)),) if measures else ()
 
 

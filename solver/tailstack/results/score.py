@@ -326,7 +326,7 @@ class Score(Result):
     empty where that was not asked for.
     """
     measures: tuple[MeasureResult, ...] = ()
-    """Measures that join several targets, each wherever it is read; empty where there are none."""
+    """Measures made of the errors at targets, each wherever it is read; empty where there are none."""
 
     @property
     def worst_target(self) -> TargetScore:

@@ -11,7 +11,7 @@ from .digits import count_decimals
 from .outline import Curve, Curves, Frame, Outline, row_of
 from .record import Result
 from .tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, On, Table, fill
-from .verdicts import Interval, Provenance
+from .verdicts import Interval, MeasureResult, Provenance
 
 MOST_TARGETS = 6  # with a curve of their own
 MOST_LIMITS = 3  # drawn
@@ -78,6 +78,8 @@ class SweepPoint:
     """What was found at each target; empty where it was refused."""
     verdict: Literal["pass", "fail", "inconclusive", "no requirement"] | None
     """Verdict on the design with these values; null where it was refused."""
+    measures: tuple[MeasureResult, ...] = ()
+    """Measures made of the errors at targets, wherever they are read."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -209,6 +211,9 @@ def points_table(sweep: Sweep) -> Table:
     def of_target(name: str) -> Callable[[_Place], Any]:
         return lambda row: None if row.target is None else getattr(row.target, name)
 
+    def of_measure(k: int) -> Callable[[_Place], float | None]:
+        return lambda row: row.point.measures[k].p95 if row.point.measures else None
+
     def end(k: int) -> Callable[[_Place], float | None]:
         return lambda row: (
             None if row.target is None or row.target.p95_interval_mm is None else (row.target.p95_interval_mm[k])
@@ -236,6 +241,10 @@ def points_table(sweep: Sweep) -> Table:
             "P95 as located", "mm", "fixed", decimals, brief="P95 as\nlocated, mm", of=of_target("localisation_p95_mm")
         ),
         *((Column("Worst target", on=TERMINAL, of=of_target("name")),) if several else ()),
+        *(
+            Column(f"P95 of {each.words}, {each.site}", each.unit, "fixed", 3, of=of_measure(k))
+            for k, each in enumerate(next((point.measures for point in sweep.points if point.measures), ()))
+        ),
         Column("Verdict", kind="status", of=lambda row: row.point.verdict or "refused"),
     )
     rows = []

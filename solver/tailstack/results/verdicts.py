@@ -103,7 +103,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class MeasureResult:
-    """A measure that joins several targets, at one of its sites; its numbers are in `unit`."""
+    """A measure made of the errors at targets, at one of its sites; its numbers are in `unit`."""
 
     measure: str
     """Name of the measure, as a requirement names it."""
@@ -423,7 +423,7 @@ def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Tabl
 
 
 def measures_table(measures: Sequence[MeasureResult]) -> Table:
-    """Measures that join several targets."""
+    """Measures made of the errors at targets."""
     columns = (
         Column("Measure", of=lambda row: row.words),
         Column("At", of=lambda row: row.site),
@@ -435,7 +435,7 @@ def measures_table(measures: Sequence[MeasureResult]) -> Table:
         Column("Limit", "", "stated", 3, of=lambda row: row.limit),
         Column("Beyond limit", "%", "percent", 2, of=lambda row: row.exceedance_probability),
     )
-    return tabulate("Measures", "What joins several targets", columns, measures)
+    return tabulate("Measures", "What is made of the errors at the targets", columns, measures)
 
 
 def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: str = "") -> Table:

@@ -129,7 +129,7 @@ class Verification(Result):
     losses: DrawnLosses | None = None
     """Shots with fiducials missed; null where the design does not say how often they are."""
     measures: tuple[MeasureResult, ...] = ()
-    """Measures that join several targets, each wherever it is read; empty where there are none."""
+    """Measures made of the errors at targets, each wherever it is read; empty where there are none."""
 
     @property
     def decimals(self) -> int:

@@ -44,6 +44,7 @@ from .lattice import (
     ball_sums,
     balls,
     build,
+    flat_balls,
     on_principal_axes,
     reach_of,
     sum_of_products,
@@ -139,6 +140,19 @@ def accuracy_for(p: float, fine: bool) -> Accuracy:
     return Accuracy(_COARSE * tail, 1e-6 * tail, _LARGEST_COARSE_BOX)
 
 
+class _Terms(NamedTuple):
+    """The terms of a probability, and of a law in a plane or on a line what it does where the mean leaves that."""
+
+    k: Array  # (n, 3) 1/mm
+    even: Array  # (n,) the terms
+    odd: Array  # (n,) with the sine of the phase in place of the cosine
+    radius: float = 0.0  # mm, in the plane; 0: the law fills space
+    tilt: Array = np.zeros(3)  # derivative of that by the mean
+    rising_odd: Array = np.zeros(0)  # (n,) derivative of ``odd`` by the radius
+    first: float = 0.0  # 1/mm: derivative of the probability by the radius
+    second: float = 0.0  # 1/mm^2
+
+
 class DeclaredLaw:
     """A law with columns, and the lattices that answers about it have been read from so far."""
 
@@ -203,34 +217,41 @@ class DeclaredLaw:
     def gradient(self, total: LawQuantile) -> LawGradient:
         """By the implicit function theorem, at a quantile of this law; a decade finer than the quantile of this
         accuracy, as derivatives weight the far terms by up to k^2 more."""
-        if total.method != SAMPLED_METHOD:
-            if self.frame.dimension < 3:
-                return differences(self.law, total)
-            lattice = self._centred_lattice(total)
-            if lattice.volume > 0.0:
-                return self._lattice_gradient(total, lattice)
+        terms = None if total.method == SAMPLED_METHOD else self._terms_at(total)
+        if terms is not None:
+            return self._lattice_gradient(total, terms)
         points = sample(self.law.mean, self.law.covariance, self.h, _LOG2_POINTS)
         by_mean, by_covariance, by_column = points.gradient(total.quantile_mm, self.h)
         return LawGradient(by_mean, by_covariance, self._by_source(by_column))
 
-    def _centred_lattice(self, total: LawQuantile) -> Lattice:
-        """Of the law moved to mean 0, in three dimensions, a decade finer than that of the quantile."""
-        accuracy = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold)
-        return build(total.quantile_mm, self.frame._replace(mean=np.zeros(3)), accuracy, True)
+    def _terms_at(self, total: LawQuantile) -> _Terms | None:
+        """On a lattice of the law moved to mean 0, a decade finer than that of the quantile; None: it has none."""
+        accuracy, radius = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold), total.quantile_mm
+        if self.frame.dimension < 3:
+            radius = sqrt(radius**2 - self.frame.offset)
+        lattice = build(radius, self.frame._replace(mean=np.zeros(3)), accuracy, True)
+        if lattice.volume == 0.0:
+            return None
+        phase = lattice.k @ self.frame.mean
+        cosine, sine = np.cos(phase), np.sin(phase)
+        if self.frame.dimension == 3:
+            ball = lattice.w * balls(radius, lattice.t)
+            return _Terms(lattice.k, ball * cosine, ball * sine)
+        ball, rising, bent = (lattice.w * each for each in flat_balls(radius, self.frame.dimension, lattice.t))
+        tilt = np.where(self.frame.sigma > 0.0, 0.0, -(self.law.mean @ self.frame.axes) / radius)
+        first, second = float(rising @ cosine), float(bent @ cosine)
+        return _Terms(lattice.k, ball * cosine, ball * sine, radius, tilt, rising * sine, first, second)
 
     def column_gradient(self, total: LawQuantile) -> Array | None:
-        """(3, k) by each entry of the columns; None where there is no lattice in three dimensions.
+        """(3, k) by each entry of the columns; None where there is no lattice.
 
         A uniform column h is the factor sin x / x of every term, x = k'h, whose logarithm has the derivative
         ``(cot x - 1 / x) k`` by h.
         """
-        if total.method == SAMPLED_METHOD or total.density == 0.0 or self.frame.dimension < 3:
+        terms = None if total.method == SAMPLED_METHOD or total.density == 0.0 else self._terms_at(total)
+        if terms is None:
             return None
-        lattice = self._centred_lattice(total)
-        if lattice.volume == 0.0:
-            return None
-        k, axes = lattice.k, self.frame.axes
-        even = lattice.w * balls(total.quantile_mm, lattice.t) * np.cos(k @ self.frame.mean)
+        k, even, axes = terms.k, terms.even, self.frame.axes
         gradient = np.zeros((3, self.law.kinds.size))
         for h, source in zip(self.frame.h, self.source, strict=True):
             x = k @ h
@@ -239,17 +260,20 @@ class DeclaredLaw:
             slope = np.where(near, -x / 3 - x**3 / 45, np.cos(x) * sine / np.maximum(sine**2, 1e-24) - 1 / far)
             share = 0.5 if self.law.kinds[source] == TRIANGULAR else 1.0
             gradient[:, source] += share * (axes @ ((even * slope) @ k))
+            if terms.radius:
+                gradient[:, source] += share * (axes @ (terms.rising_odd @ slope * terms.tilt))
         return gradient * (-1.0 / total.density)
 
-    def _lattice_gradient(self, total: LawQuantile, lattice: Lattice) -> LawGradient:
-        """lattice: of the law moved to mean 0, in three dimensions."""
-        k, axes = lattice.k, self.frame.axes
+    def _lattice_gradient(self, total: LawQuantile, terms: _Terms) -> LawGradient:
+        k, even, axes = terms.k, terms.even, self.frame.axes
         slope = -1.0 / total.density
-        phase = k @ self.frame.mean
-        terms = lattice.w * balls(total.quantile_mm, lattice.t)
-        even = terms * np.cos(phase)
-        by_mean = -(terms * np.sin(phase)) @ k
+        by_mean = -terms.odd @ k
         by_covariance = -0.5 * (k.T * even) @ k
+        if terms.radius:  # beyond the plane, where the radius in it is sqrt(r^2 - |m|^2): half the Hessian by the mean
+            across, beyond = np.outer(terms.rising_odd @ k, terms.tilt), np.outer(terms.tilt, terms.tilt)
+            bend = terms.second * beyond - terms.first / terms.radius * (np.diag(self.frame.sigma == 0.0) + beyond)
+            by_mean = by_mean + terms.first * terms.tilt
+            by_covariance = by_covariance + 0.5 * (bend - across - across.T)
         by_column = self._by_source(column_slopes(even, k, self.frame.h))
         return LawGradient(slope * (axes @ by_mean), slope * (axes @ by_covariance @ axes.T), slope * by_column)
 
@@ -443,34 +467,9 @@ def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> La
 def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
     """(3, k) derivative of a quantile by each entry of the columns, mm per mm: along a column it is ``by_log_column``.
 
-    None where the law has no lattice in three dimensions, and a derivative is not known as exactly as the quantile.
+    None where the law has no lattice, and a derivative is not known as exactly as the quantile.
     """
     return evaluation_of(law, total.p).column_gradient(total)
-
-
-def differences(law: LinearLaw, total: LawQuantile) -> LawGradient:
-    """The gradient by differences of exact quantiles, for laws in a plane or on a line."""
-    k, step = law.kinds.size, 1e-2
-    shift = step * sqrt(float(np.trace(law.total_covariance)))
-
-    def quantile(mean: Array = law.mean, covariance: Array = law.covariance, columns: Array = law.columns) -> float:
-        return law_quantile(LinearLaw(mean, covariance, columns, law.kinds), total.p).quantile_mm
-
-    unit = np.eye(3)
-    by_mean = [(quantile(law.mean + shift * v) - quantile(law.mean - shift * v)) / (2 * shift) for v in unit]
-    by_covariance = np.zeros((3, 3))
-    for a, b in ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)):  # one-sided: a covariance may only be added to safely
-        v = np.maximum(unit[a], unit[b])
-        more = quantile(covariance=law.covariance + shift**2 * np.outer(v, v))
-        slope = (more - total.quantile_mm) / shift**2
-        by_covariance[a, b] = slope if a == b else 0.5 * (slope - by_covariance[a, a] - by_covariance[b, b])
-        by_covariance[b, a] = by_covariance[a, b]
-    by_column = np.zeros(k)
-    for j in range(k):
-        scale = step * (np.arange(k) == j)
-        difference = quantile(columns=law.columns * (1 + scale)) - quantile(columns=law.columns * (1 - scale))
-        by_column[j] = difference / (2 * step)
-    return LawGradient(np.array(by_mean), by_covariance, by_column)
 
 
 # --- kernels ---------------------------------------------------------------------------------------------------------

@@ -694,6 +694,22 @@ def balls(r: float, t: Array) -> Array:
 
 
 @kernel()
+def flat_balls(r: float, dimension: int, t: Array) -> tuple[Array, Array, Array]:
+    """(n,) transforms B_r(t) of the disc or the interval of radius r mm, and their first two derivatives by r."""
+    f0, f1, f2 = np.empty(t.size), np.empty(t.size), np.empty(t.size)
+    for i in range(t.size):
+        x = r * t[i]
+        if dimension == 2:
+            j0, j1 = bessel_j01(x)
+            f0[i] = 2.0 * pi * (r * j1 / t[i] if t[i] > 0.0 else 0.5 * r * r)
+            f1[i], f2[i] = 2.0 * pi * r * j0, 2.0 * pi * (j0 - x * j1)
+        else:
+            f0[i] = 2.0 * (sin(x) / t[i] if t[i] > 0.0 else r)
+            f1[i], f2[i] = 2.0 * cos(x), -2.0 * t[i] * sin(x)
+    return f0, f1, f2
+
+
+@kernel()
 def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, float, float]:
     """sum w B_r(t) and its first two derivatives by r, for the ball, the disc or the interval of radius r mm.
 
