@@ -711,6 +711,20 @@ class TargetDocument(Record):
         default=None, description="Position in con, mm. Either this or region.", examples=[[0.0, 0.0, 70.0]]
     )
     region: Region | None = Field(default=None, description="Target region in con.")
+    direction: Direction | None = Field(
+        default=None,
+        description="Direction in which an instrument comes to the point, in con; any length. The errors lateral and "
+        "axial are across and along it.",
+        examples=[[0.0, 0.0, -1.0]],
+    )
+
+    @model_validator(mode="after")
+    def _direction(self) -> TargetDocument:
+        if self.region is not None and self.direction is not None:
+            raise refusal("unused-field", "direction is read only beside position_mm", at="direction")
+        if self.direction is not None and max(map(abs, self.direction)) < 1e-9:
+            raise refusal("zero-direction", "a target's direction is not [0, 0, 0]", at="direction")
+        return self
 
 
 class RequirementDocument(Record):

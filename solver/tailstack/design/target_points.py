@@ -15,7 +15,9 @@ from .document import Region, TargetDocument
 def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
-        return (Target(target.name, frozen(target.position_mm)),)
+        direction = None if target.direction is None else np.array(target.direction)
+        unit = None if direction is None else frozen(direction / np.linalg.norm(direction))
+        return (Target(target.name, frozen(target.position_mm), direction=unit),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])

@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from . import localisation, tcp
+from . import axial, lateral, localisation, tcp
 from .measure import Measure, Site
 
 if TYPE_CHECKING:
-    from .measure import Aim, Array
+    from .measure import Array, MeasuredTarget
 
 MEASURES: tuple[Measure, ...] = (
     tcp.MEASURE,
     localisation.MEASURE,
+    lateral.MEASURE,
+    axial.MEASURE,
 )
 POINTS = MEASURES[:2]  # the errors at one target, in the order in which the simulation has them
 MEASURE = {measure.name: measure for measure in MEASURES}
@@ -41,14 +43,14 @@ class Metric(NamedTuple):
         return self.site.name, self.measure.name
 
 
-def metrics_at(targets: Sequence[Aim], to_tcp: Array) -> tuple[Metric, ...]:
+def metrics_at(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Metric, ...]:
     """Every measure wherever it is read: ``POINTS`` target by target, then the others.  to_tcp (4, 4) from con."""
     of_points = zip(*(measure.sites(targets, to_tcp) for measure in POINTS), strict=True)
     points = [Metric(*each) for sites in of_points for each in zip(POINTS, sites, strict=True)]
     return (*points, *derived_at(targets, to_tcp))
 
 
-def derived_at(targets: Sequence[Aim], to_tcp: Array) -> tuple[Metric, ...]:
+def derived_at(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Metric, ...]:
     """Of ``metrics_at`` those of other measures than ``POINTS``, which are the last."""
     others = MEASURES[len(POINTS) :]
     return tuple(Metric(measure, site) for measure in others for site in measure.sites(targets, to_tcp))

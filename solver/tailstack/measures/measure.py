@@ -16,16 +16,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
-    Sites = Callable[[Sequence["Aim"], Array], tuple["Site", ...]]  # of all targets, and (4, 4) from con to tcp
+    Sites = Callable[
+        [Sequence["MeasuredTarget"], Array], tuple["Site", ...]
+    ]  # of all targets, and (4, 4) from con to tcp
 
 
-class Aim(Protocol):
+class MeasuredTarget(Protocol):
     """A target, as a measure sees it."""
 
     @property
     def name(self) -> str: ...
     @property
     def position_mm(self) -> Array: ...  # (3,) con
+    @property
+    def direction(self) -> Array | None: ...  # (3,) con, unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,10 +64,31 @@ class Measure:
 def at_each_target(first: int) -> Sites:
     """Sites of one of the two errors itself, at every target; first: its first column in the weights."""
 
-    def sites(targets: Sequence[Aim], to_tcp: Array) -> tuple[Site, ...]:
+    def sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
         import numpy as np  # here: who only names measures waits for no arrays
 
         picked = np.eye(6)[first : first + 3]
         return tuple(Site(target.name, {target.name: picked}) for target in targets)
+
+    return sites
+
+
+def at_each_direction(first: int, last: int) -> Sites:
+    """Sites of components of the error at the tool, at every target with a direction d, in tcp: rows first to last - 1
+    of d and two unit vectors across it."""
+
+    def sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
+        import numpy as np
+
+        found = []
+        for target in targets:
+            if target.direction is not None:
+                along = to_tcp[:3, :3] @ target.direction
+                across = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
+                across /= np.linalg.norm(across)
+                weights = np.zeros((3, 6))
+                weights[: last - first, :3] = np.stack([along, across, np.cross(along, across)])[first:last]
+                found.append(Site(target.name, {target.name: weights}))
+        return tuple(found)
 
     return sites

@@ -20,7 +20,8 @@ z = Y'WY,
 
 because the tangent from the origin, touching at z = (5/2)^(2/3), lies above the curve, and E z = (5/3) tr(W S).
 This is the multivariate Gauss inequality for alpha = 3 (Van Parys, Goulart & Kuhn 2016, "Generalized Gauss
-inequalities via semidefinite programming", Math. Program. 156).  By symmetry, with x = e - m,
+inequalities via semidefinite programming", Math. Program. 156).  In a plane alpha is 2 and the factor 1/2, on a line
+it is Gauss's 4/9.  By symmetry, with x = e - m,
 
     2 P(|e| >= r) = P(|x + m| >= r) + P(|x - m| >= r) <= P(x not in E1) + P(x not in E2)
 
@@ -41,7 +42,7 @@ from ..results import Bounds
 from .gaussian import norm_quantile, probability_iv
 from .spectrum import law_iv, principal_axes
 
-_GAUSS_3 = 0.4 ** (2 / 3)
+_GAUSS = (1.0, 4 / 9, 1 / 2, 0.4 ** (2 / 3))  # by how many directions the error varies in
 
 
 def _best_kappa(odds: float, l: Array, m: Array) -> float:  # noqa: E741
@@ -99,6 +100,7 @@ def bounds(p: float, mean: Array, covariance: Array) -> Bounds:
         return Bounds(gaussian, sqrt(square), sqrt(square))
     moments = sqrt(_moment_square(1.0 - p, l[l > 0.0], m))
     trace, across = float(np.trace(covariance)), sqrt(max(float(mean @ covariance @ mean), 0.0))
-    unimodal = sqrt(square + _unimodal_square(2.0 * (1.0 - p) / _GAUSS_3, trace, across))
+    gauss = _GAUSS[int((l > 0.0).sum())]
+    unimodal = sqrt(square + _unimodal_square(2.0 * (1.0 - p) / gauss, trace, across))
     # Wider classes have larger quantiles, so the moment bound holds here too (it is the smaller one for small p).
     return Bounds(gaussian, min(unimodal, moments), moments)

@@ -1,0 +1,16 @@
+"""The error at the tool along the direction of a target: how much too deep, or not deep enough."""
+
+from __future__ import annotations
+
+from .measure import Measure, at_each_direction
+
+MEASURE = Measure(
+    name="axial",
+    words="the axial error at the tool",
+    brief=", axial",
+    meaning="error at the tool along the direction of the target, either way",
+    frame="tcp",
+    sites=at_each_direction(0, 1),
+    needs="a target with direction: [x, y, z] in con",
+    calibrated=False,
+)
