@@ -387,7 +387,7 @@ def precision() -> Findings:
     law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
     first = law_quantile(law, 0.95)
     linear = LinearChain(
-        model.bias_mm("tcp"), gains_in_plan_order(plan, model.blocks, 0, "tcp"), lambda r: law_exceedance(law, r),
+        model.bias_mm("tcp"), gains_in_plan_order(plan, model.blocks, (0,), "tcp"), lambda r: law_exceedance(law, r),
         first.quantile_mm, first.density,
     )  # fmt: skip
     halves: dict[str, list[float]] = {"radial": [], "plain": []}

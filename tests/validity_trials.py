@@ -55,7 +55,7 @@ def paired_errors(
     """
     model, ends = linearise(system, system.targets[0]), ends or {}
     plan = compile_plan(system, vertex=ends)
-    gains = np.vstack([gains_in_plan_order(plan, model.blocks, 0, error) for error in ERRORS])
+    gains = np.vstack([gains_in_plan_order(plan, model.blocks, (0,), error) for error in ERRORS])
     means = np.concatenate([mean_at(model, error, ends) for error in ERRORS])[:, None]
     chain, linear, redone = np.empty((2, trials)), np.empty((2, trials)), 0
     for start in range(0, trials, BATCH):

@@ -24,13 +24,15 @@ from .kernels.process import usable_cores
 from .losses import LossSearch
 from .measures import MEASURE, POINTS, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
-from .montecarlo.chain import norms_of, run_indices
+from .montecarlo.chain import measure_errors, norms_of, run_indices
 from .montecarlo.estimators import (
+    QuantileEstimate,
     between_ranks,
     cvar_estimate,
     cvar_interval,
     enclosing_ranks,
     exceedance_estimate,
+    interval_so_far,
     no_bound,
     quantile_estimate,
 )
@@ -42,7 +44,6 @@ from .montecarlo.stopping import (
     CvarQuestion,
     Goal,
     LimitQuestion,
-    interval_so_far,
     precision_looks,
     simulate_to_decision,
     simulate_to_precision,
@@ -53,7 +54,6 @@ from .results import (
     DrawnLosses,
     Exceedance,
     Finding,
-    Interval,
     MeasureResult,
     MetricEstimate,
     Reprojection,
@@ -299,21 +299,23 @@ def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
     keys = [metric.key for metric in task.plan.system.metrics]
-    errors = outcome.measure_errors(task.plan.system)[keys.index((task.target, task.error))]
+    errors = measure_errors(task.plan.system, outcome.errors)[keys.index((task.target, task.error))]
     norms = norms_of(errors).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
 
 def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
     """One quantile by radial conditional sampling, with the linear model as its control.  Raises OutOfRangeError."""
-    index = [target.name for target in ready.system.targets].index(task.target)
-    model, plan = ready.models[task.target], ready.plans[task.vertex]
+    system, plan, key = ready.system, ready.plans[task.vertex], (task.target, task.error)
+    names, model = [target.name for target in system.targets], ready.every[key]
+    metric = next(k for k, each in enumerate(system.metrics) if each.key == key)
+    targets = [names.index(name) for name in system.metrics[metric].site.weights]
     mean = mean_at(model, task.error, dict(task.vertex))
     law, _ = declared_law(model, task.error, mean)
     first = law_quantile(law, task.quantile)
     linear = LinearChain(
         mean=mean,
-        gain=gains_in_plan_order(plan, model.blocks, index, task.error),
+        gain=gains_in_plan_order(plan, model.blocks, targets, task.error),
         exceedance=partial(law_exceedance, law),
         quantile_mm=first.quantile_mm,
         density_per_mm=first.density,
@@ -323,26 +325,18 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
         estimate = radial(
             plan,
             linear,
-            target=index,
-            error=task.error,
+            metric=metric,
             quantile=task.quantile,
             seed=task.seed,
             confidence=ready.confidence_at_each,
             rays=rays,
         )
-        half_width = _relative_half_width(estimate.value_mm, estimate.interval_mm)
-        if task.precision is None or half_width <= task.precision or 4 * rays > most:
+        if task.precision is None or estimate.found.relative_half_width <= task.precision or 4 * rays > most:
             return estimate
         rays *= 4
 
 
 # --- sampling ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Quantile:
-    value_mm: float
-    interval_mm: Interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,9 +347,10 @@ class SampledDesign:
     confidence_level: float  # used for each interval, so that all looks together hold with the stated one
     stopping: str
     precision_reached: float
-    quantiles: dict[tuple[str, str, float], Quantile]  # that were found otherwise than from ``confidence_level``
+    quantiles: Quantiles  # that were found otherwise than from ``confidence_level``
 
 
+Quantiles = dict[tuple[str, str, float], QuantileEstimate]  # by target, error and quantile
 UnitQuantiles = dict[tuple[Requirement, str], list[Array]]  # (units,) mm at each vertex, by requirement and target
 
 
@@ -436,9 +431,9 @@ def _sample_to_precision(work: Work) -> SampledDesign:
         """No pooled requirement and no question is open any more, and as many are drawn as were asked for."""
         if samples.trials < sampling.at_least:
             return False
-        for question in _questions(ready, vertex, sampling):
-            estimate = quantile_estimate(samples, question.target, question.error, question.quantile, level)
-            if decide(estimate.interval_mm, question.limit_mm) == "inconclusive":
+        for q in _questions(ready, vertex, sampling):
+            interval = quantile_estimate(samples, q.target, q.error, q.quantile, level).interval_mm
+            if decide(interval, q.limit_mm) == "inconclusive":
                 return False
         return _decides_cvar(ready, vertex, sampling, samples, len(precision_looks(sampling.max_trials)))
 
@@ -473,18 +468,12 @@ def _sample_to_decision(work: Work) -> SampledDesign:
         for vertex in ready.plans
     )
     by_vertex = dict(zip(ready.plans, runs, strict=True))
-    quantiles: dict[tuple[str, str, float], Quantile] = {}
+    quantiles: Quantiles = {}
     for name, error, quantile in ready.quantiles:
-        at_each = []
-        for vertex in ready.vertices[name, error]:
-            run = by_vertex[vertex]
-            at_each.append(Quantile(*interval_so_far(run.samples, Goal(name, error, quantile), run.level)))
-        quantiles[name, error, quantile] = take_largest(at_each)
-    reached = max(
-        _relative_half_width(largest.value_mm, largest.interval_mm)
-        for key, largest in quantiles.items()
-        if key[1:] == ("tcp", P95)
-    )
+        at = (by_vertex[vertex] for vertex in ready.vertices[name, error])
+        each = (interval_so_far(run.samples, name, error, quantile, run.level) for run in at)
+        quantiles[name, error, quantile] = take_largest(each)
+    reached = max(found.relative_half_width for key, found in quantiles.items() if key[1:] == ("tcp", P95))
     longest = max(runs, key=lambda run: run.samples.trials)
     reason = "every limit is decided" if all(run.decided for run in runs) else "the cap was reached"
     stopping = (
@@ -501,18 +490,16 @@ def _sample_radially(work: Work) -> SampledDesign:
     tasks = [
         RadialTask(name, error, quantile, sampling.seed, vertex, sampling.precision)
         for name, error, quantile in ready.quantiles
-        if MEASURE[error] in POINTS  # what joins several targets is taken from the plain trials
         for vertex in ready.vertices[name, error]
     ]
     trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
     radially = [partial(work.sampler.radial, task) for task in tasks]
     samples, estimates = gather_both(partial(work.simulate, trials), partial(gather, radially))
-    at_each: dict[tuple[str, str, float], list[Quantile]] = {}
+    at_each: dict[tuple[str, str, float], list[QuantileEstimate]] = {}
     for task, estimate in zip(tasks, estimates, strict=True):
-        key = task.target, task.error, task.quantile
-        at_each.setdefault(key, []).append(Quantile(estimate.value_mm, estimate.interval_mm))
+        at_each.setdefault((task.target, task.error, task.quantile), []).append(estimate.found)
     quantiles = {key: take_largest(several) for key, several in at_each.items()}
-    reached = max(_relative_half_width(largest.value_mm, largest.interval_mm) for largest in quantiles.values())
+    reached = max(found.relative_half_width for found in quantiles.values())
     short = ""
     if sampling.precision is not None and reached > sampling.precision:
         short = f", as many as are drawn, short of the ±{100 * sampling.precision:g} % requested"
@@ -568,7 +555,7 @@ def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sam
         if vertex not in ready.vertices[question.target, "tcp"]:
             continue
         p95 = quantile_estimate(samples, question.target, "tcp", P95).value_mm
-        mean = cvar_estimate(samples, question.target, "tcp", P95).value_mm
+        mean = cvar_estimate(samples, question.target, "tcp", P95)
         worst = samples.of(question.target, "tcp").worst
         drawn = samples.trials, question.confidence, looks, samples.unanswered
         interval = cvar_interval(p95, mean, worst, *drawn)
@@ -577,14 +564,10 @@ def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sam
     return True
 
 
-def take_largest(quantiles: Iterable[Quantile]) -> Quantile:
+def take_largest(quantiles: Iterable[QuantileEstimate]) -> QuantileEstimate:
     """The largest of a quantile at several vertices, with its interval: each end is the largest of theirs."""
     value, low, high = zip(*((quantile.value_mm, *quantile.interval_mm) for quantile in quantiles), strict=True)
-    return Quantile(max(value), (max(low), max(high)))
-
-
-def _relative_half_width(value_mm: float, interval_mm: Interval) -> float:
-    return (interval_mm[1] - interval_mm[0]) / (2 * value_mm) if value_mm > 0 else 0.0
+    return QuantileEstimate(max(value), (max(low), max(high)))
 
 
 # --- what was found ------------------------------------------------------------------------------------------------
@@ -675,14 +658,11 @@ def _name_engine(system: System) -> str:
 
 def _estimate_quantile(
     ready: PreparedDesign, sampled: SampledDesign, name: str, error: str, quantile: float
-) -> Quantile:
+) -> QuantileEstimate:
     if (name, error, quantile) in sampled.quantiles:
         return sampled.quantiles[name, error, quantile]
-    at_each = (
-        quantile_estimate(sampled.samples[vertex], name, error, quantile, sampled.confidence_level)
-        for vertex in ready.vertices[name, error]
-    )
-    return take_largest(Quantile(estimate.value_mm, estimate.interval_mm) for estimate in at_each)
+    runs = (sampled.samples[vertex] for vertex in ready.vertices[name, error])
+    return take_largest(quantile_estimate(run, name, error, quantile, sampled.confidence_level) for run in runs)
 
 
 def _explain_vertices(ready: PreparedDesign) -> str:
@@ -698,7 +678,7 @@ def _explain_vertices(ready: PreparedDesign) -> str:
 def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, error: str) -> MetricEstimate:
     """Bias, spread and mean norm at the vertex with the largest P95; of the tail's numbers each one's largest."""
     runs = [sampled.samples[vertex] for vertex in ready.vertices[name, error]]
-    worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None)[0])
+    worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None).value_mm)
     sample = worst.of(name, error)
     quantile = _estimate_quantile(ready, sampled, name, error, P95)
     limit = tightest_limit(ready.system, name, error)
@@ -718,7 +698,7 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
         mean_norm_mm=sample.mean_norm,
         p95_mm=quantile.value_mm,
         p95_interval_mm=quantile.interval_mm,
-        cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
+        cvar95_mm=max(cvar_estimate(samples, name, error, P95) for samples in runs),
         worst_mm=max(samples.of(name, error).worst for samples in runs),
         exceedance=beyond,
         first_order_ratio=1.0 if nothing else first_mm / quantile.value_mm,

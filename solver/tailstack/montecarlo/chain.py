@@ -58,23 +58,24 @@ class TrialResults(NamedTuple):
         """(n,) mm; infinite for a shot without an answer."""
         return norms_of(self.errors[target, metric])
 
-    def measure_errors(self, system: System) -> Array:
-        """(M, 3, n) of ``system.metrics``, each in its unit; contiguous.
 
-        By plain sums: BLAS picks its order of summation by processor.
-        """
-        targets, _, _, count = self.errors.shape
-        points = np.ascontiguousarray(self.errors).reshape(-1, 3, count)
-        derived = system.derived_metrics
-        if not derived:
-            return points
-        places = {target.name: t for t, target in enumerate(system.targets)}
-        both = self.errors.reshape(targets, 6, count)
-        others = [
-            sum((weights[:, :, None] * both[places[name]]).sum(axis=1) for name, weights in site.weights.items())
-            for _, site in derived
-        ]
-        return np.concatenate([points, others])
+def measure_errors(system: System, errors: Array) -> Array:
+    """(M, 3, n) of ``system.metrics``, each in its unit, of errors (T, 2, 3, n) as trials have them; contiguous.
+
+    By plain sums: BLAS picks its order of summation by processor.
+    """
+    targets, _, _, count = errors.shape
+    both = np.ascontiguousarray(errors).reshape(targets, 6, count)
+    points = both.reshape(-1, 3, count)
+    derived = system.derived_metrics
+    if not derived:
+        return points
+    places = {target.name: t for t, target in enumerate(system.targets)}
+    others = [
+        sum((weights[:, :, None] * both[places[name]]).sum(axis=1) for name, weights in site.weights.items())
+        for _, site in derived
+    ]
+    return np.concatenate([points, others])
 
 
 def _allocate_scratch(size: int) -> Array:

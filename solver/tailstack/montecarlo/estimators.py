@@ -6,49 +6,26 @@ from its seed with more kept; the answer is never taken from a shorter tail.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import ceil, fsum, inf, log, sqrt
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 
 from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..results import Exceedance, Interval
 from .simulate import ErrorSample, Samples, deepen
 
-Interval = tuple[float, float]
 
-
-@dataclass(frozen=True, slots=True)
-class QuantileEstimate:
-    quantile: float
+class QuantileEstimate(NamedTuple):
     value_mm: float
-    interval_mm: tuple[float, float]
-    confidence: float  # of the interval, two-sided; never less than stated
-    trials: int
+    interval_mm: Interval
 
     @property
     def relative_half_width(self) -> float:
         low, high = self.interval_mm
         return (high - low) / (2 * self.value_mm) if 0 < self.value_mm < inf else inf
-
-
-@dataclass(frozen=True, slots=True)
-class CvarEstimate:
-    """Mean of the norm beyond its quantile."""
-
-    quantile: float
-    value_mm: float
-    standard_error_mm: float
-
-
-@dataclass(frozen=True, slots=True)
-class ExceedanceEstimate:
-    limit_mm: float
-    count: int
-    probability: float
-    interval: tuple[float, float]
-    confidence: float
 
 
 def _refuse_unless_probability(name: str, value: float) -> None:
@@ -108,8 +85,8 @@ def order_statistic(sample: ErrorSample, rank: int) -> float:
 
 def between_ranks(
     samples: Samples, target: str | int, error: str, quantile: float, low: int | None, high: int | None
-) -> tuple[float, tuple[float, float]]:
-    """Quantile of the error norm, mm, by order statistics, and those of two ranks (1-based) about it.
+) -> QuantileEstimate:
+    """Quantile of the error norm, by order statistics, and those of two ranks (1-based) about it.
 
     A rank of None has no order statistic: the end is then zero or infinite.  Raises IllPosedError where shots without
     an answer leave the quantile without a bound.
@@ -122,7 +99,7 @@ def between_ranks(
     )
     if ends[0] == inf:
         raise no_bound(samples.unanswered, samples.trials, f"that {100 * quantile:g} % of shots keep")
-    return order_statistic(sample, middle), ends
+    return QuantileEstimate(order_statistic(sample, middle), ends)
 
 
 def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:
@@ -140,16 +117,22 @@ def quantile_estimate(
 ) -> QuantileEstimate:
     """Quantile of the error norm by order statistics, with its distribution-free interval."""
     low, high = interval_ranks(samples.trials, quantile, confidence)
-    value, interval = between_ranks(samples, target, error, quantile, low, high)
-    return QuantileEstimate(quantile, value, interval, confidence, samples.trials)
+    return between_ranks(samples, target, error, quantile, low, high)
 
 
-def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: float) -> CvarEstimate:
-    """``E[|e| given |e| beyond its quantile]`` with its standard error.
+def interval_so_far(
+    samples: Samples, target: str | int, error: str, quantile: float, confidence: float
+) -> QuantileEstimate:
+    """The same; of few trials an end of the interval may be zero or infinite."""
+    return between_ranks(samples, target, error, quantile, *enclosing_ranks(samples.trials, quantile, confidence))
 
-    ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev 2000): first-order insensitive to the error
-    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.  Shots without
-    an answer are beyond x_q and left out of the mean, which is infinite with them.
+
+def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: float) -> float:
+    """``E[|e| given |e| beyond its quantile]``, mm: ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev
+    2000).
+
+    Sums are exact (fsum): no order of summation.  Shots without an answer are beyond x_q and left out of the mean,
+    which is infinite with them.
     """
     _refuse_unless_probability("quantile", quantile)
     n = samples.trials
@@ -159,17 +142,14 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     share = 1 - quantile - samples.unanswered / n
     count = n - rank - samples.unanswered
     if count <= 0 or share <= 0:
-        return CvarEstimate(quantile, base, 0.0)
+        return base
     answered = sample.tail[: len(sample.tail) - sample.unanswered]
-    beyond = answered[len(answered) - count :] - base
-    mean = fsum(beyond) / n
-    variance = fsum(beyond**2) / n - mean**2
-    return CvarEstimate(quantile, base + mean / share, sqrt(max(variance, 0.0) / n) / share)
+    return base + fsum(answered[len(answered) - count :] - base) / n / share
 
 
 def exceedance_estimate(
     samples: Samples, target: str | int, error: str, limit_mm: float, confidence: float = 0.95
-) -> ExceedanceEstimate:
+) -> Exceedance:
     """Fraction of trials above the limit, with the exact (Clopper-Pearson) interval."""
     _refuse_unless_probability("confidence", confidence)
     n = samples.trials
@@ -183,7 +163,7 @@ def exceedance_estimate(
     alpha = 1 - confidence
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
     high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
-    return ExceedanceEstimate(limit_mm, count, count / n, (low, high), confidence)
+    return Exceedance(limit_mm, count / n, (low, high))
 
 
 def cvar_interval(

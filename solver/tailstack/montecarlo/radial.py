@@ -18,10 +18,11 @@ checked, not assumed; where it does not hold the method refuses and plain sampli
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +30,10 @@ from scipy.special import erfc, ndtr, stdtrit
 
 from ..errors import OutOfRangeError, Problem
 from ..geometry.arrays import Array
-from ..measures import POINT_ERRORS
+from ..results import Interval
 from ..system import Effect, Law
-from .chain import evaluate, standard_normals
+from .chain import evaluate, measure_errors, standard_normals
+from .estimators import QuantileEstimate
 from .plan import ChainPlan
 
 FARTHEST = 12.0  # P(chi_3 > 12) = 5e-31: beyond it a ray contributes nothing
@@ -56,7 +58,7 @@ class LinearBlock(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearChain:
-    """First order at one target in the deviates of a plan, with its exact law."""
+    """First order of one metric in the deviates of a plan, with its exact law."""
 
     mean: Array  # (3,) mm, at the plan's vertex
     gain: Array  # (3, d) mm per standardised deviate, columns in the order of the plan
@@ -65,32 +67,36 @@ class LinearChain:
     density_per_mm: float  # of |e| there, > 0
 
 
-@dataclass(frozen=True, slots=True)
-class RadialEstimate:
-    quantile: float
+class RadialEstimate(NamedTuple):
     value_mm: float
-    interval_mm: tuple[float, float]
+    interval_mm: Interval
     standard_error_mm: float
-    confidence: float
     evaluations: int  # of the full chain
-    randomisations: int
+
+    @property
+    def found(self) -> QuantileEstimate:
+        """The quantile with its interval."""
+        return QuantileEstimate(self.value_mm, self.interval_mm)
 
 
-def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], target: int, error: str) -> Array:
-    """(3, d) mm: gains of standardised deviates from a linear model's blocks.
+def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], targets: Sequence[int], error: str) -> Array:
+    """(3, d): gains of standardised deviates, in the unit of the error, from a linear model's blocks.
 
-    Sources that are BOUNDED have no column; target noise of other targets has zero gain.
+    targets: which of the system's the model is of; of its blocks for the noise of a target, one is of each.  Sources
+    that are BOUNDED have no column; noise of other targets has zero gain.
     """
     gain = np.zeros((3, plan.dimension))
-    by_name = {block.contributor: block for block in blocks}
+    starts = {place.name: place.start for place in plan.blocks}
+    met: Counter[str] = Counter()
     standard = plan.standard_std
-    for place in plan.blocks:
-        block = by_name.get(place.name)
-        if block is None:
+    for block in blocks:
+        values = block.columns_mm(error)[:, [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]]
+        if block.contributor not in starts:
             continue
-        values = block.columns_mm(error)
-        values = values[:, [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]]
-        start = place.start + (2 * target if block.effect.of_target else 0)
+        start = starts[block.contributor]
+        if block.effect.of_target:
+            start += 2 * targets[met[block.contributor]]
+            met[block.contributor] += 1
         stop = start + values.shape[1]
         gain[:, start:stop] = values / standard[start:stop]
     return gain
@@ -131,8 +137,7 @@ class _Rays:
     """Everything along the rays: ``x = rho n + v`` in Gaussian deviates, the two models of |e|."""
 
     plan: ChainPlan
-    target: int
-    metric: int
+    metric: int  # which of the system's
     linear: LinearChain
     direction: Array  # (n, d)
     offset: Array  # (n, d)
@@ -148,8 +153,8 @@ class _Rays:
         return x
 
     def chain(self, rho: Array, rays: NDArray[np.int64]) -> Array:
-        errors = evaluate(self.plan, self.standardise(rho, rays))[:, self.target, self.metric]
-        return np.asarray(np.sqrt((errors**2).sum(axis=1)))
+        errors = np.moveaxis(evaluate(self.plan, self.standardise(rho, rays)), 0, -1)
+        return np.asarray(np.sqrt((measure_errors(self.plan.system, errors)[self.metric] ** 2).sum(axis=0)))
 
     def linear_crossing(self, r: float, start: Array) -> tuple[Array, Array]:
         """Crossings of the linear model and d|e| / d rho there: in closed form when every input is Gaussian."""
@@ -243,17 +248,16 @@ def radial(
     plan: ChainPlan,
     linear: LinearChain,
     *,
-    target: int = 0,
-    error: str = "tcp",
+    metric: int = 0,
     quantile: float = 0.95,
     seed: int,
     confidence: float = 0.95,
     randomisations: int = RANDOMISATIONS,
     rays: int = RAYS,
 ) -> RadialEstimate:
-    """Quantile of the error norm at one target by radial conditional sampling.
+    """Quantile of one of the system's metrics by radial conditional sampling.
 
-    linear: first order in the plan's deviates, with its exact law (control variate).  rays: of each randomisation;
+    linear: its first order in the plan's deviates, with its exact law (control variate).  rays: of each randomisation;
     more of them narrow the interval.  Raises OutOfRangeError when rays do not cross the quantile's sphere exactly
     once, or fewer than 16 randomisations are asked for.
     """
@@ -274,7 +278,7 @@ def radial(
     turns = _rotations(standard_normals(seed, 3, randomisations, 4))
     direction = (_sphere(rays) @ np.swapaxes(turns, 1, 2)).reshape(count, 3) @ basis.T
     offset = normal - (normal @ basis) @ basis.T
-    lines = _Rays(plan, target, POINT_ERRORS.index(error), linear, direction, offset, uniform, triangular)
+    lines = _Rays(plan, metric, linear, direction, offset, uniform, triangular)
 
     r = linear.quantile_mm
     at_linear, slope = lines.linear_crossing(r, np.full(count, 2.8))
@@ -310,4 +314,4 @@ def radial(
     else:
         raise _refuse("radial-no-quantile", f"the quantile did not settle near {r:.6g} mm")
     half = float(stdtrit(randomisations - 1, 0.5 + confidence / 2)) * spread
-    return RadialEstimate(quantile, r, (r - half, r + half), spread, confidence, evaluations + checked, randomisations)
+    return RadialEstimate(r, (r - half, r + half), spread, evaluations + checked)

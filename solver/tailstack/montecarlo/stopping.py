@@ -13,12 +13,11 @@ looking,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
 
-from ..errors import OutOfRangeError, Problem
-from .estimators import Interval, QuantileEstimate, between_ranks, enclosing_ranks, quantile_estimate
+from .estimators import QuantileEstimate, interval_so_far, quantile_estimate
 from .shards import BLOCK
 from .simulate import Run, Samples, Simulation
 
@@ -56,20 +55,14 @@ class CvarQuestion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdaptiveRun:
-    samples: Samples
-    estimates: tuple[QuantileEstimate, ...]  # one per goal, at the confidence of the whole procedure
-    precision_reached: float  # largest relative half-width
-    reached: bool
-    stopping: str  # why it stopped, in a sentence
-    level: float  # confidence of each single look, so that all of them together hold with the stated one
+    """A run at the look at which it stopped."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SequentialRun:
     samples: Samples
     looks: tuple[int, ...]  # planned
-    decided: bool
-    level: float  # confidence of each single look
+    level: float  # confidence of each single look, so that all of them together hold with the stated one
+    decided: bool  # it found what it was to find
+    precision_reached: float = inf  # largest relative half-width of the goals' intervals
+    stopping: str = ""  # why it stopped, in a sentence
 
 
 def precision_looks(max_trials: int) -> tuple[int, ...]:
@@ -99,35 +92,27 @@ def simulate_to_precision(
     simulation: Simulation,
     *,
     precision: float,
-    goals: Sequence[Goal] = (),
+    goals: Sequence[Goal],
     confidence: float = 0.95,
     max_trials: int = 2**24,
     settled: Callable[[Samples, float], bool] | None = None,
 ) -> AdaptiveRun:
     """Simulate until the relative half-width of every goal's interval is at most ``precision``.
 
-    goals default to P95 of the TCP error at every target.  The interval reported at the look at which it stops holds
-    with ``confidence``, for each goal.  ``settled(samples, level)``: what else must hold before it stops, judged with
-    intervals of confidence ``level``.  Raises OutOfRangeError.
+    The interval of each goal at the look at which it stops holds with ``confidence``.  ``settled(samples, level)``:
+    what else must hold before it stops, judged with intervals of confidence ``level``.
     """
-    if not precision > 0:
-        raise OutOfRangeError(Problem("", "precision", f"precision must be positive, got {precision}"))
-    if not 0 < confidence < 1:
-        detail = f"confidence must lie strictly between 0 and 1, got {confidence}"
-        raise OutOfRangeError(Problem("", "confidence", detail))
-    goals = goals or [Goal(k, "tcp", 0.95) for k in range(len(simulation.plan.system.targets))]
     looks = precision_looks(max_trials)
     level = level_of_each(looks, confidence)
     highest = max(goal.quantile for goal in goals)
     while len(looks) > 1 and highest ** looks[0] > (1 - level) / 2:
         looks = looks[1:]  # so few trials have no interval of that quantile
-    estimates: list[QuantileEstimate] = []
     worst, finished = inf, False
 
-    def examine(samples: Samples, look: int) -> float | None:
+    def examine(samples: Samples) -> float | None:
         nonlocal worst, finished
-        estimates[:] = [quantile_estimate(samples, g.target, g.error, g.quantile, level) for g in goals]
-        worst = max(estimate.relative_half_width for estimate in estimates)
+        each = (quantile_estimate(samples, goal.target, goal.error, goal.quantile, level) for goal in goals)
+        worst = max(estimate.relative_half_width for estimate in each)
         finished = worst <= precision and (settled is None or settled(samples, level))
         # the half-width falls with the square root of the trials
         return None if finished else samples.trials * (worst / precision) ** 2
@@ -143,14 +128,7 @@ def simulate_to_precision(
         f"Stopped after {samples.trials} trials because {reason}; each look used a confidence of {level:.5g}, "
         f"Bonferroni over {len(looks)} planned looks, for {confidence:g} in all."
     )
-    return AdaptiveRun(
-        samples,
-        tuple(replace(estimate, confidence=confidence) for estimate in estimates),
-        worst,
-        worst <= precision,
-        stopping,
-        level,
-    )
+    return AdaptiveRun(samples, looks, level, finished, worst, stopping)
 
 
 def simulate_to_decision(
@@ -160,7 +138,7 @@ def simulate_to_decision(
     confidence: float,
     max_trials: int,
     settled: Callable[[Samples, int], bool] | None = None,
-) -> SequentialRun:
+) -> AdaptiveRun:
     """Simulate until every question is answered by the intervals of one look, or ``max_trials`` are drawn.
 
     ``settled(samples, looks)``: what else must be decided, given how many looks are planned.
@@ -169,24 +147,23 @@ def simulate_to_decision(
     level = level_of_each(looks, confidence)
     decided = False
 
-    def examine(samples: Samples, look: int) -> float | None:
+    def examine(samples: Samples) -> float | None:
         nonlocal decided
-        found = [(question, *interval_so_far(samples, question, level)) for question in questions]
-        undecided = [part for part in found if not _answers(part[2], part[0])]
+        found = [(q, interval_so_far(samples, q.target, q.error, q.quantile, level)) for q in questions]
+        undecided = [pair for pair in found if pair[1].interval_mm[0] <= pair[0].limit_mm < pair[1].interval_mm[1]]
         decided = not undecided and (settled is None or settled(samples, len(looks)))
         if decided:
             return None
-        needed = (_trials_needed(samples, *part) for part in undecided)
-        return max(needed, default=2.0 * samples.trials)
+        return max((_trials_needed(samples, *pair) for pair in undecided), default=2.0 * samples.trials)
 
     samples = _grow(simulation, looks, 0.0, examine)
-    return SequentialRun(samples, looks, decided, level)
+    return AdaptiveRun(samples, looks, level, decided)
 
 
 def _grow(
-    simulation: Simulation, looks: tuple[int, ...], needed: float, examine: Callable[[Samples, int], float | None]
+    simulation: Simulation, looks: tuple[int, ...], needed: float, examine: Callable[[Samples], float | None]
 ) -> Samples:
-    """Draw to one look after the other until ``examine(samples, number of the look)`` is None.
+    """Draw to one look after the other until ``examine(samples)`` is None.
 
     Otherwise it returns how many trials are needed as far as can be told: a sampler that works side by side is told of
     looks that will almost certainly follow.  ``needed``: what is expected before the first look.
@@ -195,28 +172,16 @@ def _grow(
     for k, look in enumerate(looks):
         ahead = tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else ()
         samples = run.grow(look, most=looks[-1], then=ahead, expected=int(min(needed, looks[-1])))
-        wanted = examine(samples, k)
+        wanted = examine(samples)
         if wanted is None:
             break
         needed = wanted
     return samples
 
 
-def interval_so_far(samples: Samples, of: Goal | LimitQuestion, level: float) -> tuple[float, Interval]:
-    """A quantile and its interval, mm; of few trials an end may be zero or infinite."""
-    ranks = enclosing_ranks(samples.trials, of.quantile, level)
-    return between_ranks(samples, of.target, of.error, of.quantile, *ranks)
-
-
-def _answers(interval: Interval, question: LimitQuestion) -> bool:
-    """Whether an interval leaves the limit on one side."""
-    low, high = interval
-    return high <= question.limit_mm or low > question.limit_mm
-
-
-def _trials_needed(samples: Samples, question: LimitQuestion, value_mm: float, interval: Interval) -> float:
+def _trials_needed(samples: Samples, question: LimitQuestion, found: QuantileEstimate) -> float:
     """Trials with which a question would be answered if quantile and density stayed as they look now."""
-    low, high = interval
+    (low, high), value_mm = found.interval_mm, found.value_mm
     gap = abs(value_mm - question.limit_mm)
     width = high - value_mm if question.limit_mm > value_mm else value_mm - low
     return samples.trials * (width / gap) ** 2 if gap > 0 and width < inf else inf

@@ -472,7 +472,7 @@ def _examine_place(
     if not first > 0:
         raise OutOfRangeError(Problem("", "no-spread", "nothing moves the error here: there is no P95 to compare"))
     plan = compile_plan(here, vertex=law.worst.vertex(model))
-    gains = gains_in_plan_order(plan, model.blocks, 0, error)
+    gains = gains_in_plan_order(plan, model.blocks, (0,), error)
     comparison = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
     trust = validity(model.nonlinearity, here, model.turns)
     within, sure = classify(comparison.ratio, comparison.interval)

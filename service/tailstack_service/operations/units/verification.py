@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -74,7 +74,7 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
         wanted = RadialTask(
             spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
         )
-        return canonical(asdict(radial_estimate(ready, wanted)))
+        return canonical(radial_estimate(ready, wanted)._asdict())
     plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
     if spec["what"] == "units":
         units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"])
