@@ -156,29 +156,6 @@ def test_moment_at_quantile_is_the_derivative_by_the_metric():
             assert slope == pytest.approx(np.sum(change * moment) / step, rel=1e-7)
 
 
-def test_per_unit_grows_with_probabilities_and_covariances():
-    def square(p=0.95, fraction=0.9, unit=1.0, shot=1.0):
-        bounded = [[unit * x for x in g] for g in UNIFORM]
-        covariance = unit**2 * (UNIT + np.array(UNIFORM).T @ np.array(UNIFORM) / 3)
-        return unit_quantile_squared(p, fraction, unit * MEAN, covariance, shot**2 * SHOT, bounded, [])
-
-    for name, values in {"p": (0.6, 0.9, 0.95, 0.99), "fraction": (0.6, 0.9, 0.95, 0.99)}.items():
-        assert (np.diff([square(**{name: x}) for x in values]) > 0).all()
-    for name in ("unit", "shot"):
-        assert (np.diff([square(**{name: x}) for x in np.geomspace(1e-3, 1e3, 61)]) > 0).all()
-    assert square(unit=3.0, shot=3.0) == pytest.approx(9 * square(), rel=1e-12)
-
-
-def test_per_unit_does_not_see_the_frame():
-    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    here = unit_quantile_squared(0.95, 0.9, MEAN, UNIT + BOUNDED, SHOT, UNIFORM, TRIANGULAR)
-    there = unit_quantile_squared(
-        0.95, 0.9, turn @ MEAN, turn @ (UNIT + BOUNDED) @ turn.T, turn @ SHOT @ turn.T,
-        UNIFORM @ turn.T, TRIANGULAR @ turn.T,
-    )  # fmt: skip
-    assert there == pytest.approx(here, rel=1e-12)
-
-
 @pytest.mark.parametrize(("unit", "shot"), [(1.3, 0.7), (0.0, 0.7), (1.3, 0.0)])
 @pytest.mark.parametrize("with_mean", [False, True])
 def test_per_unit_symbols_and_floats_agree(unit, shot, with_mean):

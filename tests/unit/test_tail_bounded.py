@@ -10,7 +10,6 @@ from pathlib import Path
 import cvxpy
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from laws import linear_law
 from tailstack.errors import LimitError
@@ -139,41 +138,6 @@ def test_published_moment_bounds(case):
         assert value == pytest.approx(case["chebyshev_zero_mean"], rel=1e-14)
     if case["gauss"] is not None:
         assert bounds(0.95, case["b"], case["S"]).gaussian == pytest.approx(case["gauss"], rel=1e-11)
-
-
-def _random_law(seed):
-    rng = np.random.default_rng(seed)
-    factor = rng.normal(size=(3, 3)) * 10 ** rng.uniform(-2, 0.5, 3)
-    factor[:, : seed % 3] = 0  # ranks 3, 2, 1
-    return rng.normal(size=3) * 10 ** rng.uniform(-1.5, 1.5) * (seed % 5 > 0), factor @ factor.T
-
-
-@pytest.mark.parametrize("seed", range(15))
-@pytest.mark.parametrize("p", [0.5, 0.95, 0.999])
-def test_dual_point_proves_the_bound(seed, p):
-    """independent: a point of the dual programme from eigenvectors and SciPy's root of the slope, its feasibility at
-    our r checked by LAPACK and its value 1 - p there: nothing larger is possible.  Lengths are in units of r."""
-    m, S = _random_law(seed)
-    r = bounds(p, m, S).moments
-    values, axes = np.linalg.eigh(S / r**2)
-    values = np.where(values > 1e-13 * values.max(), values, 0.0)
-    along, eps = axes.T @ m / r, 1 - p
-    weights = (1 / eps - 1) * values * along**2
-
-    def slope(kappa):
-        return 1 - sum(w / (value + kappa) ** 2 for w, value in zip(weights, values, strict=True) if value > 0)
-
-    kappa = brentq(slope, 0, sqrt(weights.sum()), xtol=1e-300, rtol=1e-15) if slope(0) < 0 else 0.0
-    free = np.array([1 / (value + kappa) if value + kappa > 0 else 0.0 for value in values])
-    t = eps / (values + values * free * along**2).sum()
-    w = np.append(-along * free, 1 + (along**2 * free).sum()) / sqrt(1 + (values * (along * free) ** 2).sum())
-    indicator = np.diag([t, t, t, 1 - t])
-    M = indicator + kappa * t * np.outer(w, w)
-    second = np.block([[np.diag(values) + np.outer(along, along), along[:, None]], [along[None, :], np.ones((1, 1))]])
-    scale = np.abs(M).max()
-    assert np.linalg.eigvalsh(M)[0] >= -1e-12 * scale
-    assert np.linalg.eigvalsh(M - indicator)[0] >= -1e-12 * scale
-    assert (M * second).sum() == pytest.approx(eps, rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))

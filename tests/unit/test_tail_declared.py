@@ -161,27 +161,6 @@ def test_one_uniform_source():
     assert law_summary(law, 0.9).cvar_mm == pytest.approx(1.9, abs=1e-6)
 
 
-def test_square_without_noise_by_sampling():
-    """Closed form: uniform on a square of half side 1, P(|e| <= r) = pi r^2 / 4, r <= 1; within 4 standard errors."""
-    law = linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2])
-    result = law_quantile(law, 0.5)
-    assert result.method == SAMPLED_METHOD
-    assert abs(result.quantile_mm - sqrt(2 / pi)) < 4 * result.error_mm + 1e-9
-    assert result.error_mm < 1e-4
-
-
-def test_sharp_law_agrees_with_its_blunt_neighbour():
-    """Noise of 0.3 um beside tolerances of a millimetre: sampled, within 4 standard errors of the lattice at 30 um.
-
-    The two laws differ by less than tr(S)/2r in the quantile (second order in the noise).
-    """
-    columns = np.random.default_rng(2).normal(size=(3, 5)) * [1.0, 0.8, 0.5, 0.4, 0.3]
-    blunt = law_quantile(linear_law([3, 0, 1], np.eye(3) * 0.03**2, columns), 0.95)
-    sharp = law_quantile(linear_law([3, 0, 1], np.eye(3) * 3e-4**2, columns), 0.95)
-    assert sharp.method == SAMPLED_METHOD
-    assert abs(sharp.quantile_mm - blunt.quantile_mm) < 4 * (sharp.error_mm + blunt.error_mm) + 1.5 * 0.03**2
-
-
 def test_coarse_errors_are_stated_honestly():
     rng = np.random.default_rng(8)
     for _ in range(12):
@@ -533,10 +512,3 @@ def test_p95_without_any_line(seed):
             stacked = np.array(columns).reshape(-1, 3).T
             exact = law_quantile(linear_law(at.law.mean, covariance, stacked, kinds), 0.95).quantile_mm
             assert row.p95_without_mm == pytest.approx(exact, rel=1e-4), (line.block.contributor, line.component)
-
-
-def test_exceedance_of_a_summary_is_the_exceedance():
-    """At limits of either side of the shared lattice's edge."""
-    law = TWO_SOURCES["short"]
-    for limit in np.linspace(0.6, 1.5, 10):
-        assert law_summary(law, 0.95, limit).exceedance == pytest.approx(law_exceedance(law, limit), abs=2e-8)

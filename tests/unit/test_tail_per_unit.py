@@ -182,20 +182,6 @@ def test_quantile_of_isotropic_laws(fraction, shot):
     assert found.density == pytest.approx(stats.chi.pdf(distance / unit, 3) / unit / slope, rel=0.15)
 
 
-def test_quantile_grows_with_both_probabilities_and_undoes_the_yield():
-    unit = linear_law([0.2, 0, 0.1], NOISE, COLUMNS)
-    over_units = [unit_quantile(unit, SHOT, 0.95, f).value_mm for f in (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)]
-    over_shots = [unit_quantile(unit, SHOT, p, 0.95).value_mm for p in (0.3, 0.5, 0.9, 0.95, 0.99)]
-    assert (np.diff(over_units) > 0).all()
-    assert (np.diff(over_shots) > 0).all()
-    # The yield at the quantile is the fraction, within 4 joint standard errors; samples of two different roots.
-    unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
-    found = unit_quantile(unit, SHOT, 0.9, 0.8)
-    risk = unit_risk(unit, SHOT, 0.9, found.value_mm)
-    error = sqrt(risk.yield_standard_error**2 + (found.standard_error_mm * found.density) ** 2)
-    assert abs(risk.yield_fraction - 0.8) < 4 * error
-
-
 def test_quantile_does_not_see_the_frame():
     """Another frame is another sample of the same units: within 4 joint standard errors."""
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
