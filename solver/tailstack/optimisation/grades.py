@@ -42,7 +42,7 @@ PAYS = 1e-6  # relative: a cheaper choice than that is worth another round
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Purchase:
-    """Grades chosen at a layout."""
+    """The cheapest assignment of grades found, and what none can undercut."""
 
     half_width: Array  # (K,) native units
     names: tuple[str, ...]
@@ -108,16 +108,9 @@ def _choose(search: Search, aims: Array, choice: Choice, stop: Stop | None) -> P
         return float((exact_ratios(problem, search.terms, replace(choice, half_width=half_width)) / aims).max())
 
     prices = [free.price for free in problem.half_widths]
-    solution = choose_grades(prices, worst, start=choice.half_width, stop=stop)
+    found = choose_grades(prices, worst, start=choice.half_width, stop=stop)
     where = "at this layout" if problem.places else "for this layout"
-    bound = Relaxation(
-        "monotone cuts over grades",
-        solution.cost,
-        solution.lower_bound,
-        solution.gap_percent,
-        f"{solution.statement.rstrip('.')} ({where})",
-    )
-    return Purchase(solution.half_width, solution.names, bound)
+    return replace(found, bound=replace(found.bound, statement=f"{found.bound.statement} ({where})"))
 
 
 def _place(search: Search, aims: Array, choice: Choice, bought: Purchase) -> Optimum:
@@ -142,24 +135,9 @@ Levels = tuple[int, ...]  # of each tolerance the index of its grade, 0 the tigh
 _EQUAL = 1e-9  # relative: costs closer than this are the same
 # A master is solved only as well as the bracket at the time deserves: its bound holds whatever its own gap is.
 _SHARE, _SMALLEST_SHARE = 0.3, 1e-4
-_STRIDE = (
-    3  # every third rotation of the order of tightening makes a cut of its own: fewer masters, as many evaluations
-)
+# Every third rotation of the order of tightening makes a cut of its own: fewer masters, as many evaluations.
+_STRIDE = 3
 _MASTER_TOTAL = 1e5  # the largest cost in the master, so that its absolute tolerances are below _EQUAL
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GradeChoice:
-    """The cheapest assignment found, and what none can undercut."""
-
-    half_width: Array  # (k,) native units
-    names: tuple[str, ...]
-    cost: float
-    lower_bound: float
-    gap_percent: float  # of the cost
-    evaluations: int  # of the exact law
-    proven: bool  # the cost is the lower bound
-    statement: str
 
 
 class _SpentError(Exception):
@@ -188,7 +166,7 @@ def choose_grades(
     start: Array | None = None,
     max_evaluations: int = 4000,
     stop: Callable[[], bool] | None = None,
-) -> GradeChoice:
+) -> Purchase:
     """The cheapest grade of every tolerance with ``worst_ratio <= 1``, or the best found and how far off it may be.
 
     prices (k,) are tables of grades; worst_ratio takes half-widths (k,), native units, and returns the largest
@@ -365,7 +343,7 @@ def _refuse_infeasible(ratio: float) -> InfeasibleError:
     )
 
 
-def _answer(search: _Descent, lower_bound: float) -> GradeChoice:
+def _answer(search: _Descent, lower_bound: float) -> Purchase:
     least = search.cost if lower_bound >= search.cost * (1 - _EQUAL) else lower_bound
     proven = least == search.cost
     gap = 0.0 if proven else 100 * (search.cost - least) / search.cost
@@ -376,13 +354,6 @@ def _answer(search: _Descent, lower_bound: float) -> GradeChoice:
         else f"Stopped after {asked}: none costs less than {at_most(least, 6)}, {gap:.2g} % below the one found"
     )
     grades = [ladder[level] for ladder, level in zip(search.ladders, search.best, strict=True)]
-    return GradeChoice(
-        _half_widths(search.ladders, search.best),
-        tuple(grade.name for grade in grades),
-        search.cost,
-        least,
-        gap,
-        search.evaluations,
-        proven,
-        f"{statement}, provided no quantile falls as a tolerance widens.",
-    )
+    statement += ", provided no quantile falls as a tolerance widens"
+    bound = Relaxation("monotone cuts over grades", search.cost, least, gap, statement)
+    return Purchase(_half_widths(search.ladders, search.best), tuple(grade.name for grade in grades), bound)
