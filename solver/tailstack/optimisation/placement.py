@@ -41,9 +41,7 @@ class PlacementSolution:
     choice: Choice
     cost: float  # 0 when no half-width is free
     ratios: tuple[float, ...]  # exact quantile over its limit, every demand
-    aims: Array  # of those
     kkt_residual: float
-    rounds: int  # solves it took to bring the exact quantiles to their aims
     program: Program
     iterate: Iterate
 
@@ -77,7 +75,7 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
                 continue
             ratios = _everywhere(search, here.point)
             if (ratios / aims).max() <= max(reached, 1.0) * (1 + 1e-9):
-                return _solution(search, here, residual, ratios, aims, rounds)
+                return _solution(search, here, residual, ratios)
             search = with_demands(search, here.point, ratios / aims, max(reached, 1.0))
             here = search.iterates[0]
             continue
@@ -111,7 +109,7 @@ def _shrink(search: Search, here: Iterate, aims: Array, reached: float) -> Place
     end = Iterate(at(-largest_within(excess, -most, 0.0, 1e-8)), here.parameters)
     exact = _correct(program, end, evaluate_demands(program, end.point), _own_aims(search, aims), same_ends=True)
     residual = kkt_residual(program, end.point, exact)
-    return _solution(search, end, residual, _everywhere(search, end.point), aims, MAX_ROUNDS)
+    return _solution(search, end, residual, _everywhere(search, end.point))
 
 
 def _own_aims(search: Search, aims: Array) -> Array:
@@ -218,9 +216,7 @@ def _everywhere(search: Search, point: Point) -> Array:
     return exact_ratios(search.program.problem, search.terms, search.program.split(point.x))
 
 
-def _solution(
-    search: Search, here: Iterate, residual: float, ratios: Array, aims: Array, rounds: int
-) -> PlacementSolution:
+def _solution(search: Search, here: Iterate, residual: float, ratios: Array) -> PlacementSolution:
     program, problem = search.program, search.program.problem
     choice = program.split(here.point.x)
     return PlacementSolution(
@@ -228,9 +224,7 @@ def _solution(
         choice=choice,
         cost=problem.cost(choice.half_width) if problem.half_widths else 0.0,
         ratios=tuple(float(ratio) for ratio in ratios),
-        aims=aims,
         kkt_residual=residual,
-        rounds=rounds,
         program=program,
         iterate=here,
     )
