@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
+from .geometry.spectrum import VANISHING_MM
 from .kernels.store import kernel
 from .propagation.linear import Block, ErrorModel
 from .system import Law
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import TRIANGULAR, UNIFORM, LinearLaw
-from .tail.spectrum import VANISHING_MM
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
 NORMAL, BOUNDED = -1, -2  # beside UNIFORM and TRIANGULAR, which have columns in a law

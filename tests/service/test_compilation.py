@@ -30,11 +30,11 @@ from tailstack_service.console import compilation, progress
 from tailstack.kernels import calls, store
 from tailstack.kernels.process import prepare_with
 progress.QUIET_SECONDS = 0.01
-few = ("tail.lattice.balls", "tail.spectrum.brought_near", "tail.declared.column_slopes")
+few = ("tail.lattice.balls", "tail.gaussian.brought_near", "tail.declared.column_slopes")
 calls.calls_for = lambda _: tuple(call for call in calls.EVERY if call.kernel in few)
 prepare_with(lambda: compilation.compile_for(["score"]))
 from tailstack.tail.lattice import balls
-from tailstack.tail.spectrum import brought_near
+from tailstack.tail.gaussian import brought_near
 balls(1.0, np.array([0.5])); brought_near(np.ones(3), np.zeros(3))
 print(json.dumps([store.TRAFFIC.compiled, store.TRAFFIC.loaded]))
 """
@@ -65,7 +65,7 @@ def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> No
     assert re.fullmatch(
         r"(compiling kernels, once on this machine: \d+ s(, \d+ %, about \d+ s left)?, [0-3] of 3\n)+", err
     ), err
-    assert stored(tmp_path / ".cache" / "tailstack" / "kernels") >= {"tail.lattice.balls", "tail.spectrum.brought_near"}
+    assert stored(tmp_path / ".cache" / "tailstack" / "kernels") >= {"tail.lattice.balls", "tail.gaussian.brought_near"}
     out, err = run(tmp_path)
     assert (json.loads(out), err) == ([0, 2], "")
 
@@ -78,7 +78,7 @@ def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
     assert [json.loads(out) for out in said] == [[0, 2], [0, 2]]
     place = tmp_path / "cache" / "tailstack" / "kernels"
     assert not list(place.glob(".*"))
-    assert stored(place) >= {"tail.lattice.balls", "tail.spectrum.brought_near", "tail.declared.column_slopes"}
+    assert stored(place) >= {"tail.lattice.balls", "tail.gaussian.brought_near", "tail.declared.column_slopes"}
 
 
 @pytest.mark.long
@@ -223,7 +223,7 @@ from tailstack.kernels import calls, store
 from tailstack.kernels.process import prepare_with
 from tailstack_service.console import compilation, progress
 progress.QUIET_SECONDS = 0.01
-few = ("tail.lattice.balls", "tail.spectrum.brought_near")
+few = ("tail.lattice.balls", "tail.gaussian.brought_near")
 calls.calls_for = lambda _: tuple(call for call in calls.EVERY if call.kernel in few)
 prepare_with(lambda: compilation.compile_for(["score"]))
 from tailstack.tail.lattice import balls

@@ -25,7 +25,7 @@ from scenes import (
 from tailstack.design.compile import torsor_from_locators
 from tailstack.effects.motion import motion
 from tailstack.geometry.rotation import displacement
-from tailstack.geometry.symmetric import eigen_symmetric
+from tailstack.geometry.spectrum import eigen_symmetric
 from tailstack.montecarlo.chain import evaluate
 from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.plan import compile_plan

@@ -15,7 +15,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from tailstack.geometry.symmetric import eigen_symmetric
+from tailstack.geometry.spectrum import eigen_symmetric, principal_axes
 from tailstack.tail.elementary import exponential, share_lost, sine_and_cosine
 from tailstack.tail.gaussian import (
     law_on_axes,
@@ -26,7 +26,6 @@ from tailstack.tail.gaussian import (
     norm_quantile,
     norm_sf,
 )
-from tailstack.tail.spectrum import principal_axes
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/norm_of_gaussian.json").read_text())
 PROBABILITIES = (1e-4, 0.01, 0.3, 0.5, 0.7, 0.95, 0.999, 1 - 1e-6)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
 from ..geometry.arrays import Array, frozen
-from ..geometry.camera import camera_centre, cross
-from ..geometry.image_gaps import OVERLAP_PX, needed_gap
+from ..geometry.camera import OVERLAP_PX, camera_centre, cross, needed_gap
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck

@@ -59,8 +59,8 @@ _TABLE = {
         0.4 tail.gaussian.law_on_axes           f1 f1 f
         0.3 tail.declared.split_columns         f2 i1
         0.3 tail.lattice.reach_of               {_FRAME} f
-        0.3 tail.spectrum.principal_axes        f1 f2
-        0.2 tail.spectrum.brought_near          f1 f1
+        0.3 geometry.spectrum.principal_axes    f1 f2
+        0.2 tail.gaussian.brought_near          f1 f1
         0.2 tail.declared.column_slopes         f1 f2 f2
         0.1 tail.gaussian.norm_mean_jit         f1 f2
         0.1 tail.lattice.balls                  f f1

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.camera import image_of
-from ..geometry.image_gaps import needed_gap
+from ..geometry.camera import image_of, needed_gap
 from ..system import ArrayLike, View
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import log_smooth_cost, smooth_cost

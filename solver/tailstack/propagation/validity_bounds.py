@@ -16,7 +16,7 @@ from ..estimation.ambiguity import FLAT
 from ..estimation.checks import COPLANAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
-from ..geometry.symmetric import eigen_symmetric
+from ..geometry.spectrum import eigen_symmetric
 from ..kernels.store import kernel
 from ..system import System, Weighing
 from .linear import Chain

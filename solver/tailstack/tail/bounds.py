@@ -38,9 +38,9 @@ from math import sqrt
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.spectrum import law_iv, principal_axes
 from ..results import Bounds
 from .gaussian import norm_quantile, probability_iv
-from .spectrum import law_iv, principal_axes
 
 _GAUSS = (1.0, 4 / 9, 1 / 2, 0.4 ** (2 / 3))  # by how many directions the error varies in
 

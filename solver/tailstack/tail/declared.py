@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
+from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
 from .approximation import pearson_square
 from .contour import cumulant
@@ -50,7 +51,6 @@ from .lattice import (
     sum_of_products,
 )
 from .sampling import Sample, sample
-from .spectrum import principal_axes
 
 UNIFORM, TRIANGULAR = 0, 1
 _VARIANCES = np.array([1 / 3, 1 / 6])

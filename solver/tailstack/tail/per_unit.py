@@ -39,11 +39,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..geometry.arrays import Array
+from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
 from .approximation import pearson_square
 from .declared import TRIANGULAR, LawQuantile, LinearLaw, law_cdf, law_quantile
 from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv
-from .spectrum import principal_axes
 
 BLOCKS = 16
 CORRECTED = 12  # units whose declared law is solved where a shot has bounded columns
