@@ -40,7 +40,7 @@ from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
 from .measures import metrics_at
-from .propagation.columns import Imaging, assemble_after
+from .propagation.columns import Imaging, assemble_after, shift_together
 from .propagation.linear import (
     LinearModel,
     chain_of,
@@ -52,7 +52,6 @@ from .propagation.linear import (
     pass_mounts,
 )
 from .propagation.noise import Estimation, eliminate_views, room_for
-from .propagation.systematic import shift_together
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .results import Check
 from .results.record import data_frame

@@ -26,7 +26,7 @@ from .estimation.checks import examine, fewest_fiducials
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
 from .measures import POINTS
-from .propagation.columns import Imaging, assemble_after, gains_of_images
+from .propagation.columns import Imaging, assemble_after, gains_of_images, shift_together
 from .propagation.linear import (
     Chain,
     ErrorModel,
@@ -39,7 +39,6 @@ from .propagation.linear import (
     models_of,
 )
 from .propagation.noise import eliminate_for, room_for
-from .propagation.systematic import shift_together
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
 from .results.verdicts import P95

@@ -20,7 +20,7 @@ from ..geometry.rotation import Displacement, apply, displacement
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
 from ..system import ArrayLike, Drawn, Effect, Law, Place, Reading, System, Target, Way
-from .columns import Imaging, gains_of_images
+from .columns import Imaging, gains_of_images, shift_together
 from .noise import Estimation
 from .nonlinearity import (
     Common,
@@ -31,7 +31,6 @@ from .nonlinearity import (
     nonlinearity,
     view_matrix_gains,
 )
-from .systematic import shift_together
 from .turns import (
     ANGLES_1,
     ANGLES_2,
