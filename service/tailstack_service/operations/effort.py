@@ -51,7 +51,7 @@ def text_reading_seconds(sent: RawRequest) -> float:
 def size_of(design: Design) -> Size:
     """What a design holds."""
     from tailstack.design.compile import loss_probabilities
-    from tailstack.design.target_points import expand_target
+    from tailstack.design.consistency import expand_target
 
     document = design.document
     samples = {target.name: len(expand_target(target)) for target in document.targets}

@@ -37,7 +37,7 @@ from ..system import (
 from ..tolerances import Source, coverage_of, gather_sources
 from .assumed import list_assumed
 from .cameras import compile_transform, compile_view, detector_distances
-from .consistency import find_pivots
+from .consistency import expand_target, find_pivots
 from .document import (
     DesignDocument,
     Execution,
@@ -50,7 +50,6 @@ from .loading import Design
 from .meanings import WrittenPoints, explain_places
 from .plausibility import explain_refusal, find_implausible
 from .refusals import place
-from .target_points import expand_target
 
 
 def compile_design(design: Design) -> System:

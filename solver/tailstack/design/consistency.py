@@ -1,42 +1,30 @@
 """Rules that span several fields: names that must be unique, references that must lead somewhere, sizes.
 
-Among them are the rules of the ``optimise`` section that look at the rest of the document.
+Among them are the rules of the ``optimise`` section that look at the rest of the document.  Sizes count the points that
+a target stands for: itself, or samples of its region.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain
+from itertools import chain, product
+
+import numpy as np
 
 from ..cures import ask_label
 from ..effects import EFFECTS
 from ..effects.kind import Host
 from ..errors import Problem
 from ..fields import INTERFACES, Record
+from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import RotationForm
 from ..results import Vector3
-from ..system import ROTATIONS, TRANSLATIONS
-from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
+from ..system import ROTATIONS, TRANSLATIONS, Target
+from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, TargetDocument
 from .fiducial_files import FiducialList
 from .optimise_document import AddedView, FreeView
 from .presets import PRESETS
 from .reading import Limits
-
-
-def sample_count(target: TargetDocument) -> int:
-    """How many points a target stands for."""
-    if target.region is None:
-        return 1
-    if target.region.box is None:
-        return 15
-    counts = axis_counts(target.region.box)
-    return counts[0] * counts[1] * counts[2]
-
-
-def axis_counts(box: Box) -> tuple[int, int, int]:
-    """Grid points along x, y, z."""
-    n = box.points_per_axis
-    return (n, n, n) if isinstance(n, int) else n
 
 
 def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
@@ -334,3 +322,53 @@ def find_unknown(pointer: str, what: str, name: str, names: Sequence[str]) -> li
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     hint = ask_label(name, names, f"known: {listing}" if names else "")
     return [Problem(pointer, "unknown-name", f"no {what} is called {name!r}", hint)]
+
+
+# --- the points that a target stands for ----------------------------------------------------------------
+
+
+def sample_count(target: TargetDocument) -> int:
+    """How many points a target stands for."""
+    if target.region is None:
+        return 1
+    if target.region.box is None:
+        return 15
+    counts = _axis_counts(target.region.box)
+    return counts[0] * counts[1] * counts[2]
+
+
+def _axis_counts(box: Box) -> tuple[int, int, int]:
+    """Grid points along x, y, z."""
+    n = box.points_per_axis
+    return (n, n, n) if isinstance(n, int) else n
+
+
+def expand_target(target: TargetDocument) -> tuple[Target, ...]:
+    """The named points of a target; a region's are called name[0], name[1], ..."""
+    if target.region is None:
+        direction = None if target.direction is None else np.array(target.direction)
+        unit = None if direction is None else frozen(direction / np.linalg.norm(direction))
+        return (Target(target.name, frozen(target.position_mm), direction=unit),)
+    points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
+    assert len(points) == sample_count(target)
+    return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])
+
+
+def _box_points(region: Region) -> list[Array]:
+    box = region.box
+    assert box is not None
+    axes = [
+        centre + (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)) * size
+        for centre, size, count in zip(box.centre_mm, box.size_mm, _axis_counts(box), strict=True)
+    ]
+    return [np.array(point) for point in product(*axes)]
+
+
+def _sphere_points(region: Region) -> list[Array]:
+    """Centre, 6 axis points, 8 diagonals: the 14 surface points are a spherical design of degree 5."""
+    sphere = region.sphere
+    assert sphere is not None
+    centre = np.array(sphere.centre_mm)
+    axial = [sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
+    diagonal = [np.array(signs) / np.sqrt(3) for signs in product((-1.0, 1.0), repeat=3)]
+    return [centre, *(centre + sphere.radius_mm * direction for direction in axial + diagonal)]

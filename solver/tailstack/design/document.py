@@ -8,9 +8,11 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
     ConfigDict,
     Discriminator,
@@ -21,6 +23,7 @@ from pydantic import (
 )
 
 from ..effects import with_sections
+from ..field_names import write_value
 from ..fields import (
     BOUNDED_WORDS,
     COVERAGE_WORDS,
@@ -56,6 +59,7 @@ from ..fields import (
     share,
     with_law,
 )
+from ..geometry.arrays import Array
 from ..geometry.rotation import RotationForm
 from ..measures import MEASURE, MEASURES, MeasureName
 from ..ranges import (
@@ -86,7 +90,6 @@ from ..ranges import (
 )
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, Tolerances
-from .compliance import check_passive
 from .optimise_document import Optimise
 from .presets import PRESETS
 
@@ -485,6 +488,63 @@ class Repeatability(Record):
     _law = with_law("half_width_mm", "normal")
 
 
+PASSIVE_ROUNDING = 1e-3  # of the largest entry of a compliance: what three digits in a document leave
+
+
+def _check_passive(rows: Sequence[Sequence[float]]) -> None:
+    """Refuse a compliance (3, 3), mm/N, that is not symmetric or not positive semidefinite within rounding.
+
+    A passive structure has no other: it is symmetric (Maxwell and Betti), and no push moves it against itself.
+    """
+    matrix = np.array(rows)
+    scale = float(np.abs(matrix).max())
+    gaps = np.abs(matrix - matrix.T)
+    mean = (matrix + matrix.T) / 2
+    values, axes = np.linalg.eigh(mean)
+    if gaps.max() > PASSIVE_ROUNDING * scale:
+        i, j = (int(k) for k in np.unravel_index(gaps.argmax(), gaps.shape))
+        halves = [np.triu(matrix), np.tril(matrix)]
+        half = next((each for each in halves if np.array_equal(each, matrix)), None)
+        whole = mean if half is None else half + half.T - np.diag(np.diag(half))
+        what = "the mean of the two is" if half is None else "with both of its halves it is"
+        cure = (
+            f"matrix_mm_per_n: {write_value(whole.tolist(), 6)}"
+            if np.linalg.eigvalsh(whole)[0] >= -PASSIVE_ROUNDING * scale
+            else ""
+        )
+        raise refusal(
+            "not-symmetric",
+            f"a compliance is symmetric; {_name_entry(i, j)} is {matrix[i, j]:g}, {_name_entry(j, i)} {matrix[j, i]:g}",
+            f"{what} {cure}" if cure else "check the signs and the order of its entries",
+            "matrix_mm_per_n",
+        )
+    if values[0] < -PASSIVE_ROUNDING * scale or np.diag(matrix).min() < 0:
+        axis = axes[:, 0] * (1 if axes[np.abs(axes[:, 0]).argmax(), 0] > 0 else -1)
+        along = ", ".join(f"{each + 0.0:.3g}" for each in axis.round(3))
+        cure = "a deflection goes with the force: check the signs"
+        if values[-1] <= PASSIVE_ROUNDING * scale:
+            cure = f"a deflection goes with the force: matrix_mm_per_n: {write_value((-mean).tolist(), 6)}"
+        elif np.diag(matrix).min() >= 0:
+            i, j = max(((i, j) for i in range(3) for j in range(i)), key=lambda pair: _excess(matrix, *pair))
+            most = float(np.sqrt(matrix[i, i] * matrix[j, j]))
+            cure = f"between {'xyz'[j]} and {'xyz'[i]} it is at most {most:g}, the geometric mean of its two diagonals"
+        raise refusal(
+            "not-passive",
+            f"a compliance has no negative eigenvalue; along [{along}] it is {min(values[0], 0):.4g} mm/N: what is "
+            "pushed there would move against the force",
+            cure,
+            "matrix_mm_per_n",
+        )
+
+
+def _excess(matrix: Array, i: int, j: int) -> float:
+    return float(abs(matrix[i, j]) - np.sqrt(matrix[i, i] * matrix[j, j]))
+
+
+def _name_entry(i: int, j: int) -> str:
+    return f"row {i + 1}, column {j + 1}"
+
+
 class Compliance(Record):
     """Elastic deflection of the tool under a load: d = C f, in the tcp frame."""
 
@@ -511,7 +571,7 @@ class Compliance(Record):
 
     @model_validator(mode="after")
     def _passive(self) -> Compliance:
-        check_passive(self.matrix_mm_per_n)
+        _check_passive(self.matrix_mm_per_n)
         return self
 
     _law = with_law("load_half_width_n")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, LimitError, Problem
 from ..results.json_text import write_json
@@ -17,14 +17,15 @@ from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import SCHEMA_NAME, DesignDocument
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
-from .frozen_data import freeze, freeze_lists
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
     DocumentSource,
     Format,
+    FrozenList,
     Limits,
     decode,
+    freeze,
     name_neighbours,
     plain_data,
     point_list_problem,
@@ -151,7 +152,7 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
-    freeze_lists(document)
+    _freeze_lists(document)
     return Design(document, fiducials, replace(source, data=freeze(data)))
 
 
@@ -262,3 +263,14 @@ def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:
     # with spaces, unlike everything else: the hashes of designs that are in the field were made so
     spaced = json.dumps(points, ensure_ascii=False, allow_nan=False)  # noqa: TID251
     return hashlib.sha256(f"{write_json(content)}\n{spaced}".encode()).hexdigest()
+
+
+def _freeze_lists(record: Any) -> None:
+    """Make the lists of a record of pydantic, and of the records in it, such as cannot be changed."""
+    fields = record.__dict__
+    for name, value in fields.items():
+        if type(value) is list:
+            fields[name] = FrozenList(value)
+        for each in value if isinstance(value, list) else (value,):
+            if isinstance(each, BaseModel):
+                _freeze_lists(each)

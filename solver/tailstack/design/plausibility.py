@@ -42,8 +42,12 @@ from .document import (
 from .loading import Design
 from .meanings import (
     ARMS_MM,
+    FARTHEST_MM,
     NEAREST_ISOCENTRE,
+    PIVOT_OFF_FLANGE,
+    TARGET_OFF_TOOL,
     WrittenPoints,
+    doubt_tool,
     find_units_of_points,
     lies_aside,
     read_foot,
@@ -53,7 +57,6 @@ from .meanings import (
     write_numbers,
 )
 from .presets import PRESETS
-from .tool import FARTHEST_MM, PIVOT, TARGET, doubt_tool
 
 BESIDE = "The range beside the field: docs/design.md lists them with their sources."
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
@@ -464,8 +467,8 @@ _FINDERS: dict[str, Callable[[Subject], Iterator[Doubt]]] = {  # of the rules th
     "cone-too-wide": _doubt_cones,
     "angle-in-radians": _doubt_angles,
     "quaternion-order": _doubt_quaternions,
-    TARGET: partial(_doubt_tool, TARGET),
-    PIVOT: partial(_doubt_tool, PIVOT),
+    TARGET_OFF_TOOL: partial(_doubt_tool, TARGET_OFF_TOOL),
+    PIVOT_OFF_FLANGE: partial(_doubt_tool, PIVOT_OFF_FLANGE),
     "no-lever-arm": _doubt_lever_arms,
     "pivot-among-fiducials": _doubt_pivots,
     "target-in-bead": _doubt_targets_in_beads,

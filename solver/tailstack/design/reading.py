@@ -29,7 +29,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
 import yaml
@@ -38,7 +38,6 @@ from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
 from ..people_tables import encoding_of
 from ..results.json_text import find_repeated, write_json
-from .frozen_data import FrozenList, FrozenMapping
 from .numbers import plain_array
 
 Format = Literal["auto", "yaml", "json"]
@@ -702,3 +701,53 @@ def _long_key_problem(key: str, file: str | None, mark: Any) -> Problem:
     """The name of a field that no schema could have."""
     detail = f"no field has a name of {len(key)} characters: {LONGEST_KEY} at most"
     return problem("key-too-long", detail, file=file, mark=mark)
+
+
+# --- plain data that does not change -------------------------------------------------------------------
+# The document behind a design, whose hash would otherwise speak of another one.
+
+
+def _refuse_change(self: Any, *_: Any, **__: Any) -> NoReturn:
+    raise TypeError("a design does not change: design.with_value(path, value) is one with another value at a place")
+
+
+class FrozenMapping(dict[str, Any]):
+    """A mapping that reads like a dict; a deep copy is an ordinary dict."""
+
+    __slots__ = ()
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse_change
+
+    def __deepcopy__(self, memo: Any) -> Any:
+        return thaw(self)
+
+    def __reduce__(self) -> Any:
+        return FrozenMapping, (dict(self),)
+
+
+class FrozenList(list[Any]):
+    """A list that reads like one; a deep copy is an ordinary list."""
+
+    __slots__ = ()
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse_change
+    append = clear = extend = insert = pop = remove = reverse = sort = _refuse_change
+
+    def __deepcopy__(self, memo: Any) -> Any:
+        return thaw(self)
+
+    def __reduce__(self) -> Any:
+        return FrozenList, (list(self),)
+
+
+def freeze(data: Any) -> Any:
+    """Plain data that cannot be changed, what is frozen already as it is."""
+    kind = type(data)
+    if kind is dict:
+        return FrozenMapping({key: freeze(value) for key, value in data.items()})
+    return FrozenList(map(freeze, data)) if kind is list else data
+
+
+def thaw(data: Any) -> Any:
+    """A copy of plain data that can be changed."""
+    if isinstance(data, dict):
+        return {key: thaw(value) for key, value in data.items()}
+    return [thaw(value) for value in data] if isinstance(data, list) else data
