@@ -17,10 +17,9 @@ from ..jobs.store.jobs import Job
 from ..logs import moment
 from ..problems import RequestError, TransportError
 from ..processes.task import ENDED
-from .dependencies import Needs, TheService, query
 from .jobs import find_job
 from .openapi import extra, media_types, parameter, reference, response_of
-from .service import Seat, Service
+from .service import Needs, Seat, Service, TheService, query
 
 EVENT_STREAM = "text/event-stream"
 AT_ONCE = 200  # rows read in one look

@@ -32,7 +32,6 @@ from ..operations.rendering import FORMATS, MEDIA_TYPES, render
 from ..operations.request import single
 from ..problems import RequestError, TransportError
 from .answers import JSON, path_of, record_response, tagged_response
-from .dependencies import Needs, query
 from .openapi import (
     REPORT,
     REPORT_FORMS,
@@ -48,7 +47,7 @@ from .openapi import (
 )
 from .prefix import place
 from .problems import document_response
-from .service import service_of
+from .service import Needs, query, service_of
 
 PAGE, LARGEST_PAGE = 50, 200
 LONGEST_RETRY = 30  # seconds

@@ -26,8 +26,8 @@ from ..operations.registry import OPERATIONS
 from ..operations.rendering import MEDIA_TYPES
 from ..problems import CATALOGUE
 from ..schemas import json_schema
-from .dependencies import Needs
 from .problems import PROBLEM
+from .service import Needs
 
 JSON, YAML = "application/json", "application/yaml"
 RETRIED = frozenset({409, 429, 503})

@@ -21,9 +21,9 @@ from tailstack.errors import Problem
 from ..problems import TransportError
 from ..shipped import find_manual
 from .answers import JSON, matches_tag, record_response, takes
-from .dependencies import query
 from .openapi import extra, media_types, reference, response_of
 from .prefix import place
+from .service import query
 
 router = APIRouter(tags=["information"], default_response_class=Response)
 WORKBENCH = Path(__file__).parents[1] / "workbench"  # index.html, and assets/ whose names hold a hash of their content

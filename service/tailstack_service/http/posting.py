@@ -33,10 +33,9 @@ from ..tables import MEDIA_TYPES
 from . import computations
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds
 from .body import strict_body
-from .dependencies import Needs, TheService
 from .jobs import accepted_response, failure_response, render_report, result_response
 from .openapi import describe
-from .service import Service, note_policy, service_of
+from .service import Needs, Service, TheService, note_policy, service_of
 
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0

@@ -1,4 +1,7 @@
-"""What every request shares: settings, places to compute, the database, who may ask, what is counted."""
+"""What every request shares: settings, places to compute, the database, who may ask, what is counted.
+
+Endpoints declare in their signatures and decorators which of it they need.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,12 @@ import asyncio
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Annotated, Any, Concatenate, Literal, ParamSpec, TypeVar
 
+from fastapi import Depends
 from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
@@ -19,9 +23,10 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, database
 from ..jobs.store.database import Database
 from ..jobs.store.schema import open_database
+from ..operations.request import refuse_query
 from ..problems import StoreUnavailable
 from ..settings import Settings
-from .access import Access
+from .access import Access, Caller
 from .compute_pool import ComputePool
 from .kept_designs import KeptDesigns
 from .metrics import Metrics
@@ -177,3 +182,30 @@ async def note_policy(request: Request, terms: dict[str, Any]) -> None:
     except TailstackError as error:
         fields = {"action": "not-audited", "request": request.state.request_id, "tenant": caller.tenant}
         log.warning("by what a gate was judged is not in the audit log: %s", error, extra=fields)
+
+
+# --- what endpoints declare in their signatures and decorators -------------------------------------------
+
+
+class Needs:
+    """Admits callers who have a scope, and remembers who it was for the log."""
+
+    def __init__(self, scope: str) -> None:
+        self.scope = scope
+
+    async def __call__(self, request: Request) -> Caller:
+        caller: Caller = await service_of(request).access.admit(request, self.scope)
+        request.state.caller = caller
+        return caller
+
+
+def query(*known: str) -> Callable[[Request], Awaitable[None]]:
+    """Refuses every query parameter but these."""
+
+    async def check(request: Request) -> None:
+        refuse_query(request.query_params.multi_items(), known)
+
+    return check
+
+
+TheService = Annotated[Service, Depends(service_of)]
