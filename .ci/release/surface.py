@@ -17,8 +17,7 @@ from typing import Any
 import tailstack
 from tailstack.results.json_text import write_json
 from tailstack_service.cli.completion import list_actions
-from tailstack_service.cli.main import build_parser
-from tailstack_service.cli.verbs import verbs
+from tailstack_service.cli.main import build_parser, verbs
 from tailstack_service.schemas import RECORDS, json_schema
 
 ROOT = Path(__file__).resolve().parents[2]

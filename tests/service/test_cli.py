@@ -15,8 +15,8 @@ from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
 from family import SOURCES, run_python
-from tailstack_service.cli.verbs import verbs
-from tailstack_service.console.program import spell_commands
+from tailstack_service.cli.main import verbs
+from tailstack_service.console.parser import spell_commands
 from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")

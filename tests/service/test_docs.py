@@ -14,7 +14,7 @@ from service_scenes import ROOT
 
 from family import run_process, run_python
 from tailstack.effects import EFFECTS
-from tailstack_service.cli.verbs import verbs
+from tailstack_service.cli.main import verbs
 from tailstack_service.environment import OTHERS
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import schemas

@@ -16,7 +16,7 @@ from service_scenes import EXAMPLES, commands
 
 from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
-from tailstack_service.cli.verbs import verbs
+from tailstack_service.cli.main import verbs
 from tailstack_service.console.progress import Progress
 from tailstack_service.rendering.tables import wrap
 from tailstack_service.schemas import json_schema

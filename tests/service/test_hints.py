@@ -18,8 +18,7 @@ import pytest
 from service_scenes import ROOT
 
 from tailstack.errors import Problem, TailstackError
-from tailstack_service.cli.main import build_parser
-from tailstack_service.cli.verbs import verbs
+from tailstack_service.cli.main import build_parser, verbs
 from tailstack_service.console.refusals import NEXT, next_command
 from tailstack_service.environment import OTHERS, variable
 from tailstack_service.operations.request import read_options

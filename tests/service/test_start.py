@@ -14,8 +14,7 @@ from postgres import go_without
 from service_scenes import EXAMPLES
 
 from family import COMMAND, run_process, run_python
-from tailstack_service.cli.main import main
-from tailstack_service.cli.verbs import verbs
+from tailstack_service.cli.main import main, verbs
 from tailstack_service.operations.operation import LateImport
 from tailstack_service.operations.registry import OPERATIONS
 
@@ -30,7 +29,7 @@ def told(code: str) -> list[str]:
 def loaded(*arguments: str) -> set[str]:
     """The verbs whose modules a command loads."""
     code = (
-        "import sys; from tailstack_service.cli.main import main; from tailstack_service.cli.verbs import OWN\n"
+        "import sys; from tailstack_service.cli.main import OWN, main\n"
         f"main({list(arguments)!r})\n"
         f"print(*(verb for verb in OWN if {PREFIX!r} + verb in sys.modules), file=sys.stderr)"
     )

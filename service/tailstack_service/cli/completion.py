@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterator
 
 from ..console.answer import Answer
-from ..console.program import INSTALLED
+from ..console.parser import INSTALLED
 
 HELP = "a script that completes commands in bash, zsh or fish"
 

@@ -19,7 +19,7 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
 from ..console.files import writable_directory
-from ..console.program import program
+from ..console.parser import program
 from ..operations.editors import write_document
 from ..rendering.tables import visible, wrap
 from ..shipped import example_folder

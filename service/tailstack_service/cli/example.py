@@ -16,8 +16,7 @@ from tailstack.errors import Problem
 
 from ..console.answer import Answer
 from ..console.files import replace_file, writable
-from ..console.parser import suggest
-from ..console.program import program
+from ..console.parser import program, suggest
 from ..operations.editors import write_document
 from ..problems import RequestError
 from ..shipped import example_folder, list_example_designs, list_examples, write_example

@@ -20,8 +20,7 @@ from tailstack.errors import Problem, TailstackError
 from ..console.answer import Answer
 from ..console.arguments import number, read_number, whole
 from ..console.files import writable
-from ..console.parser import suggest
-from ..console.program import program
+from ..console.parser import program, suggest
 from ..first_design import Wishes, design_text, show_value, start_lengths
 from ..operations.editors import write_document
 from ..problems import RequestError

@@ -12,7 +12,7 @@ from tailstack.results.json_text import write_json
 
 from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole
-from ..console.program import program
+from ..console.parser import program
 from ..problems import RequestError
 from ..rendering.tables import draw_table
 

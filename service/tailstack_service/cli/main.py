@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
 from threading import Timer
 from typing import NoReturn
@@ -20,16 +21,35 @@ from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from ..console.answer import write_out as _write
-from ..console.parser import Parser, refuse_verb
-from ..console.program import INSTALLED, know_verbs, program
-from ..operations.registry import OPERATIONS
-from .verbs import OWN, SPELLINGS, module_of, verbs
+from ..console.parser import INSTALLED, Parser, know_verbs, program, refuse_verb
+from ..operations.registry import OPERATIONS, VERB_OF
 
+FIRST = ("demo", "init", "example")
+LAST = (
+    "serve", "worker", "jobs", "db", "keys", "mcp", "words", "schema", "openapi", "doctor", "warm-up", "completion",
+    "version",
+)  # fmt: skip
+SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
+# Verbs with a module of their own (gate and report take more than a design); it is in this package, if not said here
+ELSEWHERE = {"mcp": "tailstack_service.integrations.mcp"}
+OWN = frozenset({*FIRST, *LAST, "gate", "report"})
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
 
 start with: tailstack demo, or tailstack init and then tailstack score design.yaml (DESIGN may be - for stdin)
 """
+
+
+def module_of(verb: str) -> str:
+    """The module of a verb of its own."""
+    return ELSEWHERE.get(verb, f"{__package__}.{verb.replace('-', '_')}")
+
+
+@cache
+def verbs() -> tuple[str, ...]:
+    """All verbs, in the order in which they are listed."""
+    of_operations = dict.fromkeys(verb.partition(" ")[0] for verb in VERB_OF.values())
+    return (*FIRST, *of_operations, *LAST)
 
 
 def build_parser(verb: str | None = None, name: str | None = None) -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _verbs(text: str) -> tuple[str, ...]:
-    from .verbs import verbs
+    from .main import verbs
 
     chosen = tuple(part.strip() for part in text.split(",") if part.strip())
     for verb in chosen:

@@ -1,8 +1,10 @@
-"""The parser of the command line: what is wrong with a command, what was perhaps meant, and what to type next."""
+"""The command line: what the command is called here, what is wrong with one, what was meant, what to type next."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import re
 import shutil
 import sys
 import textwrap
@@ -12,10 +14,31 @@ from typing import Any, NoReturn
 
 from tailstack.cures import ask_label, ask_meant, find_nearest
 
+from ..environment import COMMAND
 from .answer import BAD_INPUT
-from .program import program, spell_commands
 
+INSTALLED = "tailstack"
+_verbs: list[str] = []
 DOCUMENTS = (".yaml", ".yml", ".json")
+
+
+def know_verbs(verbs: Iterable[str]) -> None:
+    """Say which words after ``tailstack`` are verbs; the command does so when it starts."""
+    _verbs[:] = verbs
+
+
+def program() -> str:
+    """What a person types before the verb: ``tailstack``, or ``./run tailstack`` in a checkout."""
+    return os.environ.get(COMMAND) or INSTALLED
+
+
+def spell_commands(text: str) -> str:
+    """The text with the commands in it (``tailstack score ...``) as they can be spell_commands here."""
+    here = program()
+    if here == INSTALLED or not _verbs:
+        return text
+    before = re.escape(here.removesuffix(INSTALLED))
+    return re.sub(rf"(?<!{before})\b{INSTALLED} (?=({'|'.join(_verbs)})\b)", lambda _: f"{here} ", text)
 
 
 class Parser(argparse.ArgumentParser):

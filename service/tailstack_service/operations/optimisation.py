@@ -20,7 +20,7 @@ from tailstack.results import Optimisation
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags
-from ..console.program import program
+from ..console.parser import program
 from ..console.progress import Progress
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
