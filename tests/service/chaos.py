@@ -49,7 +49,7 @@ from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.perform import perform
 from tailstack_service.problems import StoreError, StoreUnavailable
-from tailstack_service.processes.interpreter import make_command, make_environment, running_code
+from tailstack_service.processes.birth import make_command, make_environment, running_code
 from tailstack_service.processes.task import ADVANCE, Task, UnitResult
 
 T = TypeVar("T")

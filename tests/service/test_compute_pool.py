@@ -25,9 +25,8 @@ from strange_units import begun, expected_answer, request
 from family import die_with_parent, ended
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child, linux
-from tailstack_service.processes.birth import Nursery, share_nursery
+from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
-from tailstack_service.processes.interpreter import make_environment
 from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 

@@ -21,7 +21,7 @@ from tailstack_service.console.remote import RemoteService, ServerSentEvent, rea
 from tailstack_service.documents import to_json
 from tailstack_service.http.answers import wait_seconds
 from tailstack_service.operations.rendering import MEDIA_TYPES, render
-from tailstack_service.processes.interpreter import running_code
+from tailstack_service.processes.birth import running_code
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until

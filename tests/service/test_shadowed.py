@@ -35,7 +35,7 @@ from service_scenes import ROOT
 
 from family import run_python
 from tailstack.kernels import process
-from tailstack_service.processes.interpreter import make_command, make_environment
+from tailstack_service.processes.birth import make_command, make_environment
 
 TAKEN = 77
 OURS = ("tailstack", "tailstack_service", "tailstack_kernels")
@@ -173,7 +173,7 @@ def test_health_checks_take_nothing_from_the_folder_of_the_data(checkout: Path) 
 
 PARENT = """
 import os, subprocess, sys
-from tailstack_service.processes.interpreter import make_command, make_environment
+from tailstack_service.processes.birth import make_command, make_environment
 os.chdir(sys.argv[1])
 sys.path[0] = {first}  # as python -m and an interactive Python have it, here after our own are loaded
 command = make_command("tailstack_service", "gate", "fail.yaml", "--mode=analytic")

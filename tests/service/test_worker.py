@@ -29,7 +29,7 @@ from tailstack_service.jobs import worker
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
-from tailstack_service.processes.interpreter import running_code
+from tailstack_service.processes.birth import running_code
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
 
@@ -270,7 +270,7 @@ def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) ->
     path = os.pathsep.join([str(tmp_path / "solver"), str(tmp_path / "service")])
 
     def named() -> str:
-        code = "from tailstack_service.processes.interpreter import running_code; print(running_code())"
+        code = "from tailstack_service.processes.birth import running_code; print(running_code())"
         done = subprocess.run(
             [sys.executable, "-P", "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
             timeout=LIMIT_SECONDS, check=True, cwd=tmp_path,

@@ -31,7 +31,7 @@ from family import die_with_parent, ended
 from tailstack_service.jobs.store import results, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
-from tailstack_service.processes.interpreter import make_command, make_environment
+from tailstack_service.processes.birth import make_command, make_environment
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
 

@@ -21,7 +21,7 @@ from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.jobs.worker import Worker
-from tailstack_service.processes.interpreter import make_environment
+from tailstack_service.processes.birth import make_environment
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 

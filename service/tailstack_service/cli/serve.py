@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     from ..http.server import address_of, bind, serve
     from ..logs import log_to_stderr
-    from ..processes.interpreter import refuse_unusable_kernels
+    from ..processes.birth import refuse_unusable_kernels
 
     settings = read_settings(arguments)
     refuse_unusable_kernels()

@@ -37,8 +37,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         return Answer(f"worker {worker.id} is alive\n", PASS)
 
     from ..jobs.process import run_worker
-    from ..processes.birth import Nursery, join_nursery
-    from ..processes.interpreter import refuse_unusable_kernels
+    from ..processes.birth import Nursery, join_nursery, refuse_unusable_kernels
 
     refuse_unusable_kernels()
     log_to_stderr(settings.log_format)

@@ -12,7 +12,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
-from ..processes.interpreter import make_command, make_environment
+from ..processes.birth import make_command, make_environment
 from ..rendering.tables import wrap
 from .progress import Progress
 

@@ -27,7 +27,7 @@ from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved
 from ..problems import StoreUnavailable, TransportError
-from ..processes.interpreter import running_code
+from ..processes.birth import running_code
 from ..processes.task import RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
 from . import computations

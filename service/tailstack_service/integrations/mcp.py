@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     require_extras("mcp")
 
-    from ..processes.interpreter import refuse_unusable_kernels
+    from ..processes.birth import refuse_unusable_kernels
     from .mcp_tools import Tools
 
     folder = None if arguments.folder is None else Path(arguments.folder)

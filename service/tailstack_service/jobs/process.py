@@ -21,9 +21,8 @@ from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import StoreError, StoreUnavailable
-from ..processes.birth import share_nursery
+from ..processes.birth import make_command, make_environment, share_nursery
 from ..processes.frames import PERFORM
-from ..processes.interpreter import make_command, make_environment
 from ..settings import Settings, child_environment
 from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading

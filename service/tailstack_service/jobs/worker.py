@@ -23,8 +23,8 @@ from tailstack.errors import LimitError, Problem, SourcesChangedError
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import StoreError, StoreUnavailable, TransportError
+from ..processes.birth import running_code
 from ..processes.frames import Died, GivenBack, OutOfDate
-from ..processes.interpreter import running_code
 from ..processes.task import Outcome, Task
 from ..settings import Settings
 from .engines.engine import Engine

@@ -23,8 +23,8 @@ from typing import IO, Any
 
 from tailstack.kernels.process import ignore_settings_of_folder
 
+from .birth import digest_files
 from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
-from .interpreter import digest_files
 from .linux import limit_memory, resident_bytes
 from .task import Estimated
 

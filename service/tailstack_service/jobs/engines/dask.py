@@ -30,8 +30,8 @@ from tailstack.version import __version__
 from ...clock import SYSTEM_CLOCK, Clock
 from ...environment import variable
 from ...problems import RequestError
+from ...processes.birth import running_code
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
-from ...processes.interpreter import running_code
 from ...processes.task import Outcome, Task
 from ...settings import Settings
 from . import remote

@@ -9,8 +9,8 @@ from __future__ import annotations
 import threading
 from concurrent.futures import CancelledError, Future
 
+from ...processes.birth import running_code
 from ...processes.frames import GivenBack, OutOfDate
-from ...processes.interpreter import running_code
 from ...processes.task import Outcome, Task
 from .pool import PoolEngine
 
