@@ -190,7 +190,7 @@ def design_of_beads(beads: Beads, preset: str = "generic-mobile-c-arm") -> str:
     from tailstack.design.presets import PRESETS
 
     arm = PRESETS[preset]
-    lengths = {field: value for field, value in start_lengths(arm).items() if field in arm.missing}
+    lengths = {field: value for field, value in start_lengths(arm).items() if field in arm.view_must_state}
     extents = [max(values) - min(values) for values in zip(*beads.positions_mm, strict=True)]
     size = max(20.0, float(ceil(max(extents))))
     half, pixel_mm = size / 2, arm.pixel_mm or lengths["pixel_mm"]

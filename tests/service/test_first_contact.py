@@ -366,7 +366,9 @@ def test_the_first_design_can_be_optimised(bare: Any) -> None:
 @pytest.mark.parametrize(("count", "size_mm"), [(6, 40.0), (9, 25.0), (17, 45.0), (30, 50.0)])
 def test_every_first_design_is_well_posed(bare: Any, preset: str, count: int, size_mm: float) -> None:
     lengths = {"source_isocentre_mm": "700", "pixel_mm": "0.4"}
-    given = [f"--{name.replace('_', '-')}={lengths[name]}" for name in PRESETS[preset].missing if name in lengths]
+    given = [
+        f"--{name.replace('_', '-')}={lengths[name]}" for name in PRESETS[preset].view_must_state if name in lengths
+    ]
     flags = [f"--fiducials={count}", f"--size-mm={size_mm}", "--target=5,-5,40"]
     code, out, err = bare("init", "-", f"--preset={preset}", *flags, *given)
     assert code == 0, err

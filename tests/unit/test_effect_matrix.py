@@ -233,7 +233,8 @@ def meet_plausibility(own: Subject, folder: Path) -> None:
 
 def meet_validity(own: Subject, folder: Path) -> None:
     """What is typical is no larger than what first order was calibrated with, and has a validity number."""
-    assert not [limit for limit in own.kind.limits(own.system) if isinstance(limit, Excess)]
+    limits = own.kind.limits(own.system) if own.kind.limits else ()
+    assert not [limit for limit in limits if isinstance(limit, Excess)]
     assert 0 < own.model.nu < 1
 
 

@@ -177,6 +177,7 @@ def test_a_known_error_of_intrinsics_counts_three_times_far_away(radii, times):
     points = system.fiducials_mm
     away = radii * np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
     system = replace(system, targets=(target(points.mean(axis=0) + np.array([0.0, 0.0, away])),))
+    assert INTRINSICS_ERROR.limits is not None
     (limit,) = INTRINSICS_ERROR.limits(system)
     assert isinstance(limit, Proportional)
     assert limit.size == pytest.approx(0.02 * times)

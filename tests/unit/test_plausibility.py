@@ -54,7 +54,7 @@ def test_everyday_designs_have_none(path):
 def test_published_c_arms_have_none(preset):
     known = PRESETS[preset]
     view = {"preset": preset, "fiducial_noise_px": 0.3, "target_noise_px": 0.3}
-    view |= {field: {"source_isocentre_mm": 700, "pixel_mm": 0.4}[field] for field in known.missing}
+    view |= {field: {"source_isocentre_mm": 700, "pixel_mm": 0.4}[field] for field in known.view_must_state}
     document = replaced(DEMO, ("views",), [view | {"name": side, "orientation": side} for side in ("AP", "LAT")])
     del document["optimise"]
     try:

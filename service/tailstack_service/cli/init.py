@@ -144,7 +144,7 @@ def read_wishes(arguments: argparse.Namespace, *, ask: bool) -> Wishes:
         return question.default if given is None else given
 
     answers = {question.field: answer(question) for question in QUESTIONS}
-    missing = PRESETS[answers["preset"]].missing
+    missing = PRESETS[answers["preset"]].view_must_state
     for field, question in LENGTHS.items():
         answers[field] = getattr(arguments, field)
         if answers[field] is None and field in missing:

@@ -289,8 +289,7 @@ async def presets() -> Response:
 
 @cache
 def _presets() -> bytes:
-    entries = ({**preset, "view_must_state": tuple(preset["view_must_state"])} for preset in list_presets())
-    return to_json(PresetList(tuple(PresetEntry(**entry) for entry in entries)))
+    return to_json(PresetList(tuple(PresetEntry(**preset) for preset in list_presets())))
 
 
 @router.get(

@@ -58,7 +58,8 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         "view": document.views,
     }
     pivots = find_pivots(document)
-    problems += [found for kind in EFFECTS for record in hosts[kind.host] for found in kind.check(record, pivots)]
+    checks = [(kind.check, record) for kind in EFFECTS if kind.check for record in hosts[kind.host]]
+    problems += [found for check, record in checks for found in check(record, pivots)]
     return problems + check_optimise(document, limits.fiducials)
 
 
@@ -116,7 +117,7 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
     if preset is None:
         return find_unknown(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
     problems = []
-    for name in preset.missing:
+    for name in preset.view_must_state:
         if getattr(view, name) is None:
             detail = f"the field {name!r} is required: preset {preset.name} does not state it"
             problems.append(Problem(pointer, "missing-field", detail, preset.remark or f"add {name}"))

@@ -419,7 +419,7 @@ def doubt_tool(document: DesignDocument) -> Iterator[ToolDoubt]:
     readings = [*_read_transforms(stated, written), *_read_places()]
     away = _miss_tool(written, targets, pivot)
     if away > STANDOFF_MM:
-        found = _find(readings, _miss_tool, away, written, targets, pivot)
+        found = _find(readings, _miss_tool, away, stated, written, targets, pivot)
         if found or away > FARTHEST_MM:
             yield ToolDoubt(TARGET_OFF_TOOL, "the nearest target lies {} mm from the tool's origin (tcp)", away, found)
             return
@@ -427,7 +427,7 @@ def doubt_tool(document: DesignDocument) -> Iterator[ToolDoubt]:
     if stated["T_flange_con"] is not None and pivot.any() and apart > STANDOFF_MM:
         # where the target is at the tool, the transforms are right: then it is the pivot
         readings = [each for each in readings if away > STANDOFF_MM or each[0].startswith("/interfaces")]
-        found = _find(readings, _miss_seat, apart, written, targets, pivot)
+        found = _find(readings, _miss_seat, apart, stated, written, targets, pivot)
         if found:
             yield ToolDoubt(
                 PIVOT_OFF_FLANGE, "the pivot of connector_flange lies {} mm from the flange's origin", apart, found
@@ -449,24 +449,32 @@ def _miss_seat(transforms: Transforms, targets: Array, pivot: Array) -> float:
     return float(np.linalg.norm(at[:3, :3] @ pivot + at[:3, 3]))
 
 
-ToolMeaning = tuple[
-    str, str, str, Transforms, float, float
-]  # pointer, words, cure, transforms, scales of targets and pivot
+# Pointer, words, cure (empty: to write the transforms so), transforms, scales of targets and pivot
+ToolMeaning = tuple[str, str, str, Transforms, float, float]
 
 
 def _find(
-    readings: list[ToolMeaning], gap: Gap, away: float, written: Transforms, targets: Array, pivot: Array
+    readings: list[ToolMeaning],
+    gap: Gap,
+    away: float,
+    stated: dict[str, Any],
+    written: Transforms,
+    targets: Array,
+    pivot: Array,
 ) -> list[ToolReading]:
     found: dict[str, ToolReading] = {}
     for pointer, words, cure, read, targets_by, pivot_by in readings:
         left = gap(written | read, targets_by * targets, pivot_by * pivot)
         if left <= max(NEARER * away, STANDOFF_MM / 2):
+            cure = cure or " and ".join(
+                _write_transform(name, stated[name], written[name], read[name]) for name in read
+            )
             found.setdefault(cure, ToolReading(pointer, words, cure, left))  # an inverse may be a sign: once
     return sorted(found.values(), key=lambda reading: reading.away_mm)
 
 
 def _read_transforms(stated: dict[str, Any], written: Transforms) -> Iterator[ToolMeaning]:
-    inverses: dict[str, tuple[str, Array]] = {}
+    inverses: Transforms = {}
     for name, value in stated.items():
         if value is None:
             continue
@@ -476,17 +484,19 @@ def _read_transforms(stated: dict[str, Any], written: Transforms) -> Iterator[To
                 if not form and not unit:
                     continue
                 read = scale_translation(matrix, factor)
-                cure = f"write {name}: {write_numbers(read)}"
-                if isinstance(value, Pose) and np.array_equal(read[:3, :3], written[name][:3, :3]):
-                    cure = f"write {name}: translation_mm: {write_numbers(read[:3, 3])}"
                 if form.startswith("its inverse"):
-                    inverses[name] = cure, read
+                    inverses[name] = read
                 words = f"{name} in {unit}" if unit else f"{name} read as {form}"
-                yield f"/transforms/{name}", words, cure, {name: read}, 1.0, 1.0
+                yield f"/transforms/{name}", words, "", {name: read}, 1.0, 1.0
     if len(inverses) == 2:
-        cures = " and ".join(cure for cure, _ in inverses.values())
-        both = {name: read for name, (_, read) in inverses.items()}
-        yield "/transforms", "both transforms read as their inverses", cures, both, 1.0, 1.0
+        yield "/transforms", "both transforms read as their inverses", "", inverses, 1.0, 1.0
+
+
+def _write_transform(name: str, value: Any, written: Array, read: Array) -> str:
+    """The cure: the translation alone where the rotation stays."""
+    if isinstance(value, Pose) and np.array_equal(read[:3, :3], written[:3, :3]):
+        return f"write {name}: translation_mm: {write_numbers(read[:3, 3])}"
+    return f"write {name}: {write_numbers(read)}"
 
 
 def _read_places() -> Iterator[ToolMeaning]:

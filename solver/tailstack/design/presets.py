@@ -20,19 +20,19 @@ class Preset:
     image_size_px: tuple[int, int]
     source: str
     remark: str = ""
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Fields that a view with this preset has to state itself."""
-        return tuple(name for name in ("source_isocentre_mm", "pixel_mm") if getattr(self, name) is None)
+    view_must_state: tuple[str, ...] = ()  # fields that the source does not, so a view with this preset has to
 
 
 PRESETS = {
-    name: Preset(name, **{**given, "image_size_px": tuple(given["image_size_px"])})
+    name: Preset(
+        name,
+        **{**given, "image_size_px": tuple(given["image_size_px"])},
+        view_must_state=tuple(field for field in ("source_isocentre_mm", "pixel_mm") if given[field] is None),
+    )
     for name, given in read_table("presets").items()
 }
 
 
 def list_presets() -> list[dict[str, Any]]:
     """All presets as plain data, sources included, with the fields a view must add itself."""
-    return [{**asdict(preset), "view_must_state": list(preset.missing)} for preset in PRESETS.values()]
+    return [asdict(preset) for preset in PRESETS.values()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, NamedTuple, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar
 
 from ..errors import Problem
 from ..fields import Record
@@ -66,10 +66,6 @@ class Proportional(NamedTuple):
 Limit = Excess | Proportional
 
 
-def _say_nothing(*_: Any) -> Iterator[Any]:
-    yield from ()
-
-
 @dataclass(frozen=True, slots=True)
 class EffectKind(Generic[Section]):
     """One effect of the table ``effects.EFFECTS``."""
@@ -82,11 +78,11 @@ class EffectKind(Generic[Section]):
     """What a section declares.  Order counts: seeds draw in it."""
     not_modelled: Callable[[System], str]
     """What a record says where it is not declared, or not in every view; empty: nothing."""
-    check: Callable[[Section, Pivots], Iterator[Problem]] = _say_nothing
+    check: Callable[[Section, Pivots], Iterator[Problem]] | None = None
     """What is refused beyond one record."""
     doubts: tuple[PlausibilityTest[System], ...] = ()
     """Rules on values that are allowed and hardly ever meant."""
-    limits: Callable[[System], Iterator[Limit]] = _say_nothing
+    limits: Callable[[System], Iterator[Limit]] | None = None
     """Up to what size first order holds for it."""
 
 

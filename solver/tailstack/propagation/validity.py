@@ -165,7 +165,7 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
     numbers, turns: at the worst target.
     """
     fiducials = _fewest_seen(system)
-    limits = [limit for kind in EFFECTS for limit in kind.limits(system)]
+    limits = [limit for kind in EFFECTS if kind.limits for limit in kind.limits(system)]
     words, uncalibrated = _class_of(system, limits)
     times = COUNTED.get(fiducials, 1.0)
     part = max(PARTS, key=numbers._asdict().__getitem__)
