@@ -275,7 +275,8 @@ from strange_units import FUNCTION
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes.birth import Nursery, join_nursery
 join_nursery(Nursery.read(sys.argv[1]))
-print(json.dumps(PoolEngine(1, function=FUNCTION).pids()), flush=True)
+engine = PoolEngine(1, function=FUNCTION)  # kept: its process ends with it
+print(json.dumps(engine.pids()), flush=True)
 threading.Event().wait()
 """
 
