@@ -22,7 +22,7 @@ from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
 from .kernels.process import usable_cores
 from .losses import LossSearch
-from .measures import MEASURE, POINTS, Metric
+from .measures import MEASURE, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
 from .montecarlo.chain import measure_errors, norms_of, run_indices
 from .montecarlo.estimators import (

@@ -196,7 +196,11 @@ def test_unimodal_bound_holds_for_a_heavy_mixture(seed):
 @pytest.mark.parametrize("seed", range(15))
 @pytest.mark.parametrize("p", [0.05, 0.5, 0.9, 0.95, 0.9999])
 def test_ladder(seed, p):
-    ladder = bounds(p, *_random_law(seed))
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) * 10 ** rng.uniform(-2, 0.5, 3)
+    factor[:, : seed % 3] = 0  # ranks 3, 2, 1
+    mean = rng.normal(size=3) * 10 ** rng.uniform(-1.5, 1.5) * (seed % 5 > 0)
+    ladder = bounds(p, mean, factor @ factor.T)
     assert ladder.gaussian <= ladder.unimodal <= ladder.moments
 
 
