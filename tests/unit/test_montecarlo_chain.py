@@ -357,6 +357,17 @@ def test_object_frame_is_hartleys_turned() -> None:
     np.testing.assert_allclose(moment, np.diag(np.diag(moment)), atol=1e-12 * moment.max())
 
 
+def test_blocks_cover_the_columns_in_order() -> None:
+    plan = compile_plan(random_system(np.random.default_rng(1), 9, 3, targets=2))
+    assert [block.start for block in plan.blocks] == [0, *[block.stop for block in plan.blocks[:-1]]]
+    assert plan.blocks[-1].stop == plan.dimension == len(plan.laws) == len(plan.standard_std)
+    names = [block.name for block in plan.blocks]
+    assert names[:2] == ["fiducial_noise:view0", "target_noise:view0"]
+    assert names[6:] == ["fiducial_manufacturing", "structure_connector", "connector_flange", "hand_eye", "execution"]
+    std = {Law.NORMAL: 1, Law.UNIFORM: 1 / np.sqrt(3), Law.TRIANGULAR: 1 / np.sqrt(6)}
+    np.testing.assert_allclose(plan.standard_std, [std[law] for law in plan.laws])
+
+
 def test_tables_are_read_only() -> None:
     for table in compile_plan(cios_system()).tables:
         with pytest.raises(ValueError, match="read-only"):
@@ -447,8 +458,12 @@ def test_words_are_xoshiro_seeded_by_splitmix() -> None:
         assert z[row, 36:39].tolist() == expected
 
 
-def test_normals_pass_kolmogorov_smirnov(normals: np.ndarray) -> None:
-    """Whole sample and each column against N(0, 1); smallest of 51 p-values above 1e-6: error rate 5e-5."""
+def test_normals_are_normal_as_far_as_they_should_be_and_independent(normals: np.ndarray) -> None:
+    """2e6 deviates; each of four moments within 5 standard errors: error rate 2.3e-6."""
+    x = normals.ravel()
+    for power, expected, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
+        assert abs((x**power).mean() - expected) < 5 * np.sqrt(variance / x.size)
+    # Whole sample and each column against N(0, 1); smallest of 51 p-values above 1e-6: error rate 5e-5.
     p = [stats.kstest(normals.ravel()[::4], "norm").pvalue]
     p += [stats.kstest(normals[:, k], "norm").pvalue for k in range(50)]
     assert min(p) > 1e-6
@@ -461,6 +476,23 @@ def test_normals_pass_kolmogorov_smirnov(normals: np.ndarray) -> None:
     for values in (normals, normals**2):
         correlation = np.corrcoef(values.T)[np.triu_indices(50, 1)]
         assert np.abs(correlation).max() < stats.norm.isf(5e-8) / np.sqrt(TRIALS)
+    # Same column, ``lag`` trials apart, values and squares: error rate 6e-7 each.
+    for lag in (1, 2, 7, 8, 64):
+        for values in (normals, normals**2 - 1):
+            products = (values[:-lag] * values[lag:]).ravel()
+            assert abs(products.mean()) < 5 * products.std() / np.sqrt(products.size)
+
+
+def test_neighbouring_seeds_and_streams_are_independent(normals: np.ndarray) -> None:
+    """Same trials under seed + 1, seed + 2^32 and another stream: error rate 6e-7 each."""
+    for other in (
+        standard_normals(2, 2, TRIALS, 50),
+        standard_normals(1 + 2**32, 2, TRIALS, 50),
+        standard_normals(1, 3, TRIALS, 50),
+    ):
+        products = (normals * other).ravel()
+        assert abs(products.mean()) < 5 / np.sqrt(products.size)
+        assert not np.isin(normals[:200], other[:200]).any()
 
 
 def test_uniform_and_triangular_laws() -> None:
@@ -480,7 +512,14 @@ def test_uniform_and_triangular_laws() -> None:
                 assert stats.kstest(z[:, k], law.cdf).pvalue > 1e-6
 
 
-def test_seeds_of_any_size_but_not_negative() -> None:
+def test_a_trial_is_its_index_and_a_seed_of_any_size_but_not_negative() -> None:
+    """Drawn alone, in any order, in any company: the same deviates."""
+    plan = compile_plan(cios_system(manufacturing_half_width_mm=read_only(np.full((12, 3), 0.02))))
+    every = draw(plan, 77, np.arange(100))
+    order = np.random.default_rng(0).permutation(100)
+    np.testing.assert_array_equal(draw(plan, 77, order), every[order])
+    for index in (0, 9, 99):
+        np.testing.assert_array_equal(draw(plan, 77, np.array([index]))[0], every[index])
     plan = compile_plan(cube8_system())
     first = [draw(plan, seed, np.array([0]))[0, 0] for seed in (0, 1, 2**63, 2**64, 2**64 + 1, 2**200)]
     assert len(set(first)) == 6
