@@ -416,14 +416,15 @@ def doubt_tool(document: DesignDocument) -> Iterator[ToolDoubt]:
     written = {name: compile_transform(value, "", []) for name, value in stated.items()}
     pivot = np.zeros(3) if seat is None else np.array(seat.pivot_mm)
     targets = np.array([_middle(target) for target in document.targets])
+    away, apart = _miss_tool(written, targets, pivot), _miss_seat(written, targets, pivot)
+    if max(away, apart) <= STANDOFF_MM:
+        return
     readings = [*_read_transforms(stated, written), *_read_places()]
-    away = _miss_tool(written, targets, pivot)
     if away > STANDOFF_MM:
         found = _find(readings, _miss_tool, away, stated, written, targets, pivot)
         if found or away > FARTHEST_MM:
             yield ToolDoubt(TARGET_OFF_TOOL, "the nearest target lies {} mm from the tool's origin (tcp)", away, found)
             return
-    apart = _miss_seat(written, targets, pivot)
     if stated["T_flange_con"] is not None and pivot.any() and apart > STANDOFF_MM:
         # where the target is at the tool, the transforms are right: then it is the pivot
         readings = [each for each in readings if away > STANDOFF_MM or each[0].startswith("/interfaces")]

@@ -423,16 +423,16 @@ def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
 
     placed = subject.document.transforms.T_flange_con is not None  # then the flange's own is compared with that
     for name, interface in _list_interfaces(subject.document):
-        if placed and name == "connector_flange":
-            continue
         pivot = np.array(interface.pivot_mm)
+        if (placed and name == "connector_flange") or not pivot.any() or not among(pivot):
+            continue
         meant = {unit: OTHER_LENGTHS[unit] * pivot for unit in ("centimetres", "inches")}
         fitting = [
             f"in {unit}, write {write_numbers(place.round(4))}"
             for unit, place in meant.items()
             if behind(place) and not among(place)
         ]
-        if pivot.any() and among(pivot) and fitting:
+        if fitting:
             depth = float(np.minimum(pivot - low, high - pivot).min())
             message = (
                 f"the pivot of {name} lies among the fiducials and targets, {depth:.3g} mm inside the box about them. "
