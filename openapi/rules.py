@@ -45,7 +45,7 @@ COUNTS = frozenset(
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "confidence",
-     "coverage_factor", "error_rate", "exceedance_probability", "extrapolation", "factor", "first_order",
+     "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation", "factor", "first_order",
      "first_order_ratio", "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
      "largest_loss_probability", "largest_share", "loss_probability", "lowest_ratio",
      "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
