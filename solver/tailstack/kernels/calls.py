@@ -26,7 +26,7 @@ from . import store
 
 # Seconds of one processor (an AMD EPYC of 2024) with what the kernel calls, the kernel, and its arguments: f float64,
 # i int64, u uint64, b bool; with a number, a C-contiguous array of so many dimensions, with r a read-only one;
-# NAME(...) a named tuple of the kernel's module, or of the one that stands before a dot.
+# NAME(...) a named tuple of the kernel's module, or of the one that stands before a dot, (...) one without a name.
 _FRAME = "PrincipalLaw(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
     "montecarlo.tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
@@ -46,13 +46,13 @@ _TABLE = {
         2.0 tail.gaussian.norm_quantiles        f f2 f2
         4.7 propagation.columns.assemble        {_IMAGING} f2 f1 f3 f2 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        5.0 losses.lose                         {_IMAGING} f2 f4 f1 f3 f4 f4
+        5.0 losses.lose                         {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
         1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
         0.3 tail.per_unit.position_of           f1 i f
         0.2 tail.per_unit.average_at            f1 i f
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
-        0.8 tail.gaussian.excess_quantile       f f1 f1
+        0.3 geometry.spectrum.eigen_symmetric   f2
         0.7 tail.lattice.ball_sums              f i f1 f1
         0.5 tail.contour.tail_nodes             f b f1 f1
         0.5 contributors.assemble_law             f2 f1 f1 i1
@@ -64,6 +64,7 @@ _TABLE = {
         0.2 tail.declared.column_slopes         f1 f2 f2
         0.1 tail.gaussian.norm_mean_jit         f1 f2
         0.1 tail.lattice.balls                  f f1
+        0.1 tail.lattice.flat_balls             f i f1
     """,
     "batch": f"""
         24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f4 f2
@@ -102,7 +103,7 @@ class KernelCall:
     @cached_property
     def signature(self) -> tuple[types.Type, ...]:
         """The types, as numba has them."""
-        words = iter(re.findall(r"[\w.]+\(?|\)", self.arguments))
+        words = iter(re.findall(r"[\w.]*\(|[\w.]+|\)", self.arguments))
         return tuple(self._types(words))
 
     @property
@@ -115,7 +116,8 @@ class KernelCall:
             if word == ")":
                 return
             if word.endswith("("):
-                yield types.BaseTuple.from_types(tuple(self._types(words)), self._tuple_class(word[:-1]))
+                named = self._tuple_class(word[:-1]) if word[:-1] else None
+                yield types.BaseTuple.from_types(tuple(self._types(words)), named)
             elif len(word) == 1:
                 yield _SCALARS[word]
             else:
