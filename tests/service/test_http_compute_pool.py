@@ -426,8 +426,8 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     lose, law_without = losses.lose, losses.LossSearch._law_without
 
     def count_gains(*asked: Any) -> None:
-        weights, imaged = asked[4:6]
-        gains[0] += len(imaged) * weights.size
+        aims, weights = asked[1], asked[6]
+        gains[0] += len(aims) * weights.size
         lose(*asked)
 
     def count_laws(search: Any, *asked: Any) -> Any:
