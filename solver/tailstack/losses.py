@@ -25,7 +25,6 @@ from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
-from .measures import POINTS
 from .propagation.columns import Imaging, assemble_after, gains_of_images, shift_together
 from .propagation.linear import (
     Chain,
@@ -313,8 +312,8 @@ class LossSearch:
         self.metrics = {metric.key: metric for metric in chain.system.metrics}
         self.every = models_of(chain.system, models)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
-        joined = [key for key, metric in self.metrics.items() if metric.measure not in POINTS]
-        self.joined = {key: len(models) + k for k, key in enumerate(joined)}  # of what is made of several
+        derived = enumerate(chain.system.derived_metrics, len(models))
+        self.joined = {metric.key: k for k, metric in derived}  # of what is made of the errors at targets
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)
         self._parts = lru_cache(maxsize=None)(self._find_parts)
@@ -577,7 +576,7 @@ class LossSearch:
 
     def _rank(self, lost: int, error: str, quantile: float, targets: tuple[str, ...]) -> Ranking:
         losses, rest = self.losses(lost), self._rest(error, quantile, targets)
-        which = [self.joined.get((name, error), self.place.get(name, 0)) for name in targets]
+        which = [self.joined[name, error] if (name, error) in self.joined else self.place[name] for name in targets]
         size = len(which), len(losses.kept)
         ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
         rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)

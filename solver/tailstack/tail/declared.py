@@ -354,7 +354,8 @@ class MixedLaw:
     def _members(self) -> list[DeclaredLaw | GaussianLaw]:
         members = [evaluation_of(law, self.near) for law in self.laws]
         for member in members:
-            member.quantile(self.near)  # radii up to a little above it are read from one lattice
+            if isinstance(member, DeclaredLaw):
+                member.quantile(self.near)  # radii up to a little above it are read from one lattice
         return members
 
     def probabilities(self, radii: Array) -> Array:
