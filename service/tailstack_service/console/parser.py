@@ -33,7 +33,7 @@ def program() -> str:
 
 
 def spell_commands(text: str) -> str:
-    """The text with the commands in it (``tailstack score ...``) as they can be spell_commands here."""
+    """The text with the commands in it (``tailstack score ...``) as they are typed here."""
     here = program()
     if here == INSTALLED or not _verbs:
         return text
