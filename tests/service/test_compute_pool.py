@@ -317,11 +317,12 @@ def test_a_shared_nursery_that_cannot_be_had_is_replaced_by_an_own(lost: str) ->
             assert computing.parents()[1].pid == process.pid
 
 
-def test_the_end_of_a_nursery_is_that_of_what_it_forked_and_another_follows() -> None:
+def test_the_end_of_a_nursery_is_that_of_what_it_forked_and_another_follows(tmp_path: Path) -> None:
+    note = tmp_path / "note"
     with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
-        burning = engine.submit(task("burn"), "burning")
+        burning = engine.submit(task("burn", note=str(note)), "burning")
         first = engine.pids()
-        until(lambda: engine.seconds(burning))
+        until(lambda: begun(note))  # what a process has not begun is begun by the next
         nursery = psutil.Process(first[0]).parent()
         assert nursery is not None
         nursery.kill()
