@@ -889,6 +889,8 @@ def _find_slot_of_mount(mount: DirectEffect, place: Sequence[str | int], held: b
     match place:
         case ("tolerances", str(component), "half_width_deg" | "half_width_mm"):
             k = mount.sources.names.index(component)
+            if any(k in group for group in mount.sources.together):
+                return None  # its width moves what the others do
             turns = mount.sources.units[k] == "rad"
             return Slot.of(HalfWidthDegrees if turns else HalfWidth, field, k, turns=turns)
         case ("locators", int(k), "half_width_mm"):

@@ -39,17 +39,20 @@ class BudgetEntry(NamedTuple):
         )
 
     @property
-    def among_all(self) -> slice:
+    def among_all(self) -> list[int]:
         """Its sources among those of the model."""
-        return slice(self.first + self.sources[0], self.first + self.sources[-1] + 1)
+        return [self.first + j for j in self.sources]
 
 
 def lines_of(model: ErrorModel) -> tuple[BudgetEntry, ...]:
-    """The lines, in the order of the chain."""
+    """The lines, in the order of the chain; components that are correlated have one together (``rx+ty``)."""
     lines, first = [], 0
     for number, block in enumerate(model.blocks):
-        if not block.is_grouped:
-            lines += [BudgetEntry(block, name, (j,), number, first) for j, name in enumerate(block.components)]
+        group = {j: each for each in block.effect.sources.together for j in each}
+        parts = () if block.is_grouped else dict.fromkeys(group.get(j, (j,)) for j in range(len(block.units)))
+        lines += [
+            BudgetEntry(block, "+".join(block.components[j] for j in each), each, number, first) for each in parts
+        ]
         if block.is_grouped or len(block.units) > 1:
             lines.append(BudgetEntry(block, "all", tuple(range(len(block.units))), number, first))
         first += len(block.units)
@@ -64,7 +67,7 @@ def budget(model: ErrorModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contrib
     slopes = np.vstack([_slopes(model, at, law_gradient(at.law, total, fine=False)), localised])
     rows = []
     for line in lines_of(model):
-        sums = slopes[:, line.among_all].sum(axis=1).tolist()
+        sums = np.take(slopes, line.among_all, axis=1).sum(axis=1).tolist()
         square, spread, by_variance, by_half_width, of_localisation = sums
         share = spread / variance if variance > 0 else 0.0
         gone = frozenset((line.block.contributor, j) for j in line.sources) & at.worst.signs.keys()
@@ -111,7 +114,7 @@ def _row(
     """A line with its numbers, those of one unit only where all its sources are alike."""
     block, j = line.block, line.sources[0]
     if not line.alike:
-        law = str(block.laws[j]) if block.laws.count(block.laws[j]) == len(block.laws) else "mixed"
+        law = str(block.laws[j]) if len({block.laws[k] for k in line.sources}) == 1 else "mixed"
         return Contributor(
             block.contributor,
             line.component,

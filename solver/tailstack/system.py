@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry.arrays import Array
+from .geometry.arrays import Array, frozen
 from .geometry.rotation import RotationForm
 from .measures import Metric, derived_at, metrics_at
 
@@ -170,7 +170,8 @@ class Sources:
     """k independent scalar error sources that act linearly on a d-vector: ``value = direction @ xi``.
 
     ``xi[j]`` follows ``laws[j]`` with half-width ``half_width[j]`` (native unit: rad, mm or N).  For
-    NORMAL the standard deviation is ``half_width / coverage_factor``.
+    NORMAL the standard deviation is ``half_width / coverage_factor``.  Of sources that are declared to go together,
+    directions are those of :func:`correlate`: to whoever adds them up they are independent.
     """
 
     names: tuple[str, ...]  # component names, e.g. ("rx", ..., "tz") or locator names
@@ -179,6 +180,7 @@ class Sources:
     coverage_factor: Array  # (k,) only meaningful for NORMAL, 1 elsewhere
     units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N", "px", "1"
     direction: Array  # (d, k)
+    together: tuple[tuple[int, ...], ...] = ()  # groups of sources that are correlated; in none: independent of all
 
     @cached_property
     def std(self) -> Array:
@@ -213,6 +215,34 @@ def spread_of(laws: tuple[Law, ...], half_width: Array, std: Array) -> Array:
     if Law.BOUNDED not in laws:
         return std
     return np.where([law is Law.BOUNDED for law in laws], half_width, std)
+
+
+SINGULAR_PIVOT = 1e-12  # of a correlation: what is left of a component by those before it
+
+
+def correlate(sources: Sources, correlation: Array) -> Sources:
+    """Normal sources with this correlation (k, k), positive semidefinite, instead of independent ones.
+
+    With standard deviations s and C = L L' (Cholesky), ``direction diag(s) L diag(1/s)`` takes independent sources to
+    what correlated ones do, as long as their half-widths keep their proportions.  A source of width 0 goes with none.
+    """
+    wide = sources.half_width > 0
+    left = np.where(wide[:, None] & wide, correlation, 0.0)
+    tied = left - np.diag(left.diagonal()) != 0
+    if not tied.any():
+        return sources
+    factor = np.zeros_like(left)
+    for j in range(sources.count):  # column by column, by plain sums: the tables of the simulation decide digits
+        if left[j, j] > SINGULAR_PIVOT:
+            factor[j:, j] = left[j:, j] / sqrt(left[j, j])
+            left = left - np.outer(factor[:, j], factor[:, j])
+    std = np.where(wide, sources.std, 1.0)
+    mixed = ((sources.direction * std)[:, :, None] * factor).sum(axis=1) / std
+    for _ in range(sources.count):
+        tied = (tied[:, :, None] & tied).any(axis=1) | tied
+    groups = dict.fromkeys(tuple(np.flatnonzero(row).tolist()) for row in tied if row.any())
+    direction = frozen(np.where(tied.any(axis=0), mixed, sources.direction))
+    return replace(sources, direction=direction, together=tuple(groups))
 
 
 def no_sources(dimension: int) -> Sources:

@@ -350,13 +350,13 @@ def list_tolerances(design: Design) -> list[Tolerance]:
 
 def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
     for component in (*ROTATIONS, *TRANSLATIONS):
-        entry = getattr(tolerances, component)
+        entry = tolerances.components[component]
         unit = "deg" if component.startswith("r") else "mm"
-        field = f"half_width_{unit}"
         if entry is None:
             yield Tolerance(f"{name}.{component}", at, 0.0, unit, stated=False)
         else:
-            yield Tolerance(f"{name}.{component}", f"{at}/{component}/{field}", getattr(entry, field), unit)
+            own = f"{component}/half_width_{unit}" if tolerances.covariance_deg_mm is None else "covariance_deg_mm"
+            yield Tolerance(f"{name}.{component}", f"{at}/{own}", entry.width, unit)
 
 
 def find_idle_processes(

@@ -130,14 +130,27 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
 
 
 def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
-    """(interface, component) of every tolerance of these components that the two interfaces declare."""
+    """(interface, component) of every tolerance of these components that the two interfaces declare; of those that are
+    correlated none, for their half-widths stay."""
     declared = []
     for name in INTERFACES:
         interface: Interface | None = getattr(document.interfaces, name)
         if interface is not None and interface.tolerances is not None:
             tolerances = interface.tolerances
-            declared += [(name, axis) for axis in components if getattr(tolerances, axis) is not None]
+            stated = [axis for axis in components if getattr(tolerances, axis) is not None]
+            declared += [(name, axis) for axis in stated if not tolerances.correlated(axis)]
     return declared
+
+
+def find_correlated(document: DesignDocument, interface: str, component: str) -> bool:
+    """Whether a component of an interface goes together with others of it."""
+    held: Interface | None = getattr(document.interfaces, interface)
+    return held is not None and held.tolerances is not None and held.tolerances.correlated(component)
+
+
+def _correlated(pointer: str, interface: str, component: str) -> Problem:
+    detail = f"{interface} {component} is correlated with others: what a part of them costs alone is not modelled"
+    return Problem(pointer, "correlated", detail, "leave it out here: its half-width stays, and beads move under it")
 
 
 def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Problem]:
@@ -204,13 +217,15 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
         if free.component not in (*ROTATIONS, *TRANSLATIONS):
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
-        if interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
+        if find_correlated(document, free.interface, free.component):
+            problems.append(_correlated(pointer, free.interface, free.component))
+        elif interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
             detail = f"{free.interface} declares no tolerance for {free.component}: its law is not known"
             cure = f"add interfaces/{free.interface}/tolerances/{free.component}"
             problems.append(Problem(pointer, "unknown-name", detail, cure))
     for field, components in (("rotation_bounds", ROTATIONS), ("translation_bounds", TRANSLATIONS)):
         if getattr(document.optimise, field) is not None and not list_declared(document, components):
-            detail = f"neither interface declares a {field.partition('_')[0]}al tolerance"
+            detail = f"neither interface declares a {field.partition('_')[0]}al tolerance that is independent of others"
             cure = f"declare {', '.join(components[:-1])} or {components[-1]} under interfaces/.../tolerances"
             problems.append(Problem(f"/optimise/{field}", "nothing-free", detail, cure))
     return problems

@@ -381,7 +381,7 @@ def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
         (name, interface)
         for name, interface in _list_interfaces(subject.document)
         if interface.tolerances is not None
-        and any((entry := getattr(interface.tolerances, axis)) and entry.half_width_deg > 0 for axis in ROTATIONS)
+        and any((entry := interface.tolerances.components[axis]) and entry.width > 0 for axis in ROTATIONS)
     ]
     for target in subject.document.targets:
         for name, interface in turning:

@@ -41,7 +41,7 @@ class Contributor:
     connector_flange, hand_eye, execution, or an effect that the design declares (motion:VIEW, temperature, ...)."""
     component: str
     """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole;
-    known for what does not vary.
+    rx+ty where components are correlated; known for what does not vary.
     """
     law: str
     """Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what does not vary.
