@@ -44,7 +44,7 @@ COUNTS = frozenset(
      "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "confidence",
+    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient", "confidence",
      "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation", "factor", "first_order",
      "first_order_ratio", "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
      "largest_loss_probability", "largest_share", "loss_probability", "lowest_ratio",

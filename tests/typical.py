@@ -15,6 +15,7 @@ from tailstack.fields import Record, Typical, domain_of
 
 SIZE_PX = 1600
 TRIES = 20
+JOINT = ("correlation", "covariance_deg_mm")  # held against one another, and drawn in tests/unit/test_correlation.py
 Typicals = Mapping[str, Typical]  # by the field that is meant, "" where it is this one
 
 
@@ -37,6 +38,8 @@ def draw_record(record: type[Record], rng: np.random.Generator, share: float, to
     """A record's fields, each of those that may be left out with this probability, but half-widths and laws always."""
     drawn: dict[str, Any] = {}
     for name, field in record.model_fields.items():
+        if name in JOINT:
+            continue
         own = {"": told[name]} if name in told else {}
         value = draw_value(field.rebuild_annotation(), rng, share, {**told, **own})
         stays = field.is_required() or name.startswith(("half_width", "distribution"))
