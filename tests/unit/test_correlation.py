@@ -223,20 +223,21 @@ def test_no_covariance_is_refused_however_far_from_diagonal(rank):
         design = load_design(with_hand_eye({"covariance_deg_mm": covariance.tolist()}))
         sources = compile_design(design).hand_eye.sources
         made = (sources.direction * sources.std) @ (sources.direction * sources.std).T
-        native = np.diag(np.deg2rad([1.0] * 3).tolist() + [1.0] * 3)
-        np.testing.assert_allclose(made, native @ covariance @ native, rtol=0, atol=3e-6 * np.abs(covariance).max())
+        native = np.array([np.deg2rad(1.0)] * 3 + [1.0] * 3) * np.sqrt(np.diag(covariance))
+        coefficients = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+        np.testing.assert_allclose(made / np.outer(native, native), coefficients, rtol=0, atol=3e-6)
 
 
 def test_components_that_are_correlated_are_told_together():
-    tolerances = FREE | {"correlation": [pair("rx", "ty", -0.9), pair("rz", "tx", 0.5), pair("tx", "tz", 0.3)]}
-    target = score(load_design(with_hand_eye(tolerances))).targets[0]
+    pairs = [pair("rx", "ty", -0.9), pair("rz", "tx", 0.5), pair("tx", "tz", 0.3)]
+    target = score(load_design(with_hand_eye(FREE | {"correlation": pairs}))).targets[0]
     lines = {line.component: line for line in target.contributors if line.name == "hand_eye"}
     assert list(lines) == ["rx+ty", "ry", "rz+tx+tz", "all"]
     assert lines["rx+ty"].half_width is None
     assert lines["rx+ty"].law == "normal"
     assert sum(line.variance_share for line in lines.values()) == pytest.approx(2 * lines["all"].variance_share)
     without = {name: each for name, each in FREE.items() if name not in ("rx", "ty")}
-    left = score(load_design(with_hand_eye(without | {"correlation": tolerances["correlation"][1:]}))).targets[0]
+    left = score(load_design(with_hand_eye(without | {"correlation": pairs[1:]}))).targets[0]
     assert lines["rx+ty"].p95_without_mm == pytest.approx(left.p95_mm, rel=1e-3)
 
 
