@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .geometry.arrays import Array, frozen
 from .geometry.spectrum import VANISHING_MM
 from .kernels.store import kernel
+from .levels import Drawn
 from .propagation.linear import Block, ErrorModel
 from .system import Law
 from .tail.bounded import indistinguishable
@@ -36,12 +37,16 @@ class Columns(NamedTuple):
     std: Array  # (K,) native unit
     half_width: Array  # (K,) native unit
     kinds: NDArray[np.int64]  # (K,) NORMAL, UNIFORM, TRIANGULAR or BOUNDED
-    per_unit: NDArray[np.bool_]  # (K,) drawn once per installed unit (True) or at each shot (False)
+    drawn: NDArray[np.int64]  # (K,) ``Drawn.rank``: how often
 
     def only(self, which: NDArray[np.bool_]) -> Columns:
         """Of the sources with True in which (K,)."""
         gain = np.compress(which, self.gain, axis=1)  # C-contiguous, as kernels take it
-        return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.per_unit[which])
+        return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.drawn[which])
+
+    def held(self, level: Drawn) -> NDArray[np.bool_]:
+        """(K,) which stay what they are throughout one ``level`` (a unit, a mounting); the others are drawn again."""
+        return np.asarray(self.drawn <= level.rank)
 
     @property
     def wide(self) -> NDArray[np.bool_]:
@@ -62,7 +67,7 @@ def columns_of(model: ErrorModel, error: str) -> Columns:
         np.concatenate([block.std for block in blocks]),
         np.concatenate([block.half_width for block in blocks]),
         np.concatenate([_kinds_of(block.laws) for block in blocks]),
-        np.repeat([block.per_unit for block in blocks], [len(block.laws) for block in blocks]),
+        np.repeat([block.drawn.rank for block in blocks], [len(block.laws) for block in blocks]),
     )
 
 

@@ -18,6 +18,7 @@ from .estimation.checks import examine
 from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
+from .levels import Drawn
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
 from .propagation.linear import (
@@ -179,7 +180,7 @@ def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
         return loss
     model = search.model_without(loss.target, item.error, loss.lost)
     at = error_law(model, item.error, item.quantile)
-    risk = risk_of_units(model, at, item.quantile, item.limit, item.units_fraction)
+    risk = risk_of_units(model, at, item.quantile, item.limit, item.units_fraction, item.level or Drawn.UNIT)
     return replace(loss, value=risk.value_mm)
 
 
@@ -261,17 +262,25 @@ class ErrorScore:
             return self.at.law.mean, self.at.total_covariance
         return shots.law.mean, shots.law.total_covariance
 
-    def unit_risk(self, quantile: float, limit: float | None, fraction: float) -> UnitRisk:
-        """Installation drawn once per unit, noise, repeatability and load at each shot; no fiducial missed."""
-        return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction)
+    def unit_risk(self, quantile: float, limit: float | None, fraction: float, level: Drawn = Drawn.UNIT) -> UnitRisk:
+        """:func:`risk_of_units`; no fiducial missed."""
+        return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction, level)
 
 
-def risk_of_units(model: ErrorModel, at: ErrorLaw, quantile: float, limit: float | None, fraction: float) -> UnitRisk:
-    """What ``fraction`` of installed units keep their own quantile within, and how many keep a limit.
+def risk_of_units(
+    model: ErrorModel,
+    at: ErrorLaw,
+    quantile: float,
+    limit: float | None,
+    fraction: float,
+    level: Drawn = Drawn.UNIT,
+) -> UnitRisk:
+    """What ``fraction`` of installed units, or of mountings, keep their own quantile within, and how many keep a
+    limit.
 
-    Installation drawn once per unit, noise, repeatability and load at each shot; ``at`` is the law of the error.
+    What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
     """
-    once = at.columns.per_unit
+    once = at.columns.held(level)
     installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
     return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
@@ -352,7 +361,7 @@ def _metric(error: ErrorScore) -> MetricScore:
 
 def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     """At the tightest requirement on each unit of the TCP error; without one, P95 at the target's limit."""
-    each = [item for item in _list_requirements(system, tcp.model.site, "tcp") if item.risk == "per_unit"]
+    each = [item for item in _list_requirements(system, tcp.model.site, "tcp") if item.level is Drawn.UNIT]
     quantile, fraction, limit_mm = P95, P95, tcp.limit
     if each:
         own = min(each, key=lambda item: item.limit)
@@ -406,14 +415,15 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
     met, why = None, ""
+    level = requirement.level or Drawn.UNIT
     if fraction is not None:
-        risk = error.unit_risk(p, requirement.limit, fraction)
+        risk = error.unit_risk(p, requirement.limit, fraction, level)
         value, met = risk.value_mm, risk.yield_fraction
         # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
         doubt = 3 * risk.standard_error_mm
         interval = _error_band(max(value - doubt, 0.0), trust, p)[0], _error_band(value + doubt, trust, p)[1]
         if shots is not None:
-            interval, why = OPEN, "no estimate is known of the risk of each unit where fiducials are missed"
+            interval, why = OPEN, f"no estimate is known of the risk of each {level} where fiducials are missed"
     elif shots is not None:
         value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
     else:

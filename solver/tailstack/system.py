@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
 from .geometry.rotation import RotationForm
+from .levels import Drawn, level_of
 from .measures import Metric, derived_at, metrics_at
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
@@ -265,13 +266,6 @@ class Place(IntEnum):
     TOOL = 8  # x, y and z of the tool centre point, tcp, mm
 
 
-class Drawn(StrEnum):
-    """How often sources take new values."""
-
-    SHOT = "shot"
-    UNIT = "unit"  # once per installed unit
-
-
 class Act(NamedTuple):
     """What the m parameters of an effect do at one place."""
 
@@ -420,19 +414,21 @@ class DirectEffect(Effect):
 MOUNTED_AT = {"structure_connector": Place.SEAT, "connector_flange": Place.FLANGE, "hand_eye": Place.HAND_EYE}
 
 
-def mount(name: str, pivot_mm: Array, known: Array, sources: Sources, label: str = "") -> DirectEffect:
+def mount(
+    name: str, pivot_mm: Array, known: Array, sources: Sources, label: str = "", drawn: Drawn = Drawn.UNIT
+) -> DirectEffect:
     """A rigid installation error: a known torsor (6,) plus sources (6, k), rad and mm, about a pivot (3,) mm.
 
     name: one of ``MOUNTED_AT``; label: what the design's author calls it, empty where the design does not say.
     """
     pointer = f"/{'execution' if name == 'hand_eye' else 'interfaces'}/{name}"
     place = MOUNTED_AT[name]
-    return DirectEffect(name, label or name, pointer, Drawn.UNIT, sources, known, place, None, pivot_mm)
+    return DirectEffect(name, label or name, pointer, drawn, sources, known, place, None, pivot_mm)
 
 
-def execution_of(sources: Sources, known_mm: Array) -> DirectEffect:
-    """What the robot adds at the tool: sources (3, k), at each shot, and what is known (3,) mm, tcp."""
-    return DirectEffect("execution", "execution", "/execution", Drawn.SHOT, sources, known_mm, Place.TOOL, None)
+def execution_of(sources: Sources, known_mm: Array, drawn: Drawn = Drawn.SHOT) -> DirectEffect:
+    """What the robot adds at the tool: sources (3, k), and what is known (3,) mm, tcp."""
+    return DirectEffect("execution", "execution", "/execution", drawn, sources, known_mm, Place.TOOL, None)
 
 
 def alike(unit: str, law: Law, half_width: Array, coverage_factor: float) -> Sources:
@@ -474,13 +470,18 @@ class Requirement:
     limit: float  # what the quantile must not exceed, in the unit of the measure
     confidence: float  # two-sided confidence of the interval the verdict is taken from
     targets: tuple[str, ...]  # names of targets, or of the sites of a measure that joins several
-    risk: str = "pooled"  # or "per_unit"
-    min_yield: float | None = None  # per_unit: required fraction of installed units
+    risk: str = "pooled"  # one of ``levels.RISKS``
+    min_yield: float | None = None  # required fraction of installed units, or of mountings; pooled: none
+
+    @property
+    def level(self) -> Drawn | None:
+        """What is read by itself; pooled: none."""
+        return level_of(self.risk)
 
     @property
     def units_fraction(self) -> float | None:
-        """Per unit: the fraction of installed units that must meet the limit, without ``min_yield`` that of the
-        quantile (95 % of units for a P95).  Pooled: none."""
+        """The fraction of installed units, or of mountings, that must meet the limit; without ``min_yield`` that of
+        the quantile (95 % of units for a P95).  Pooled: none."""
         if self.risk == "pooled":
             return None
         return self.quantile if self.min_yield is None else self.min_yield
@@ -514,6 +515,7 @@ class System:
     loss_probability: tuple[float, ...] = ()  # of each fiducial in a shot, in all views at once; (): none is ever lost
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
+    manufacturing_drawn: Drawn = Drawn.UNIT
     assumed: tuple[str, ...] = ()  # pointers of values that nobody stated
     title_block: Mapping[str, Any] | None = None  # under which number it is kept, and who answers for it
 
@@ -568,7 +570,8 @@ class System:
             wide = self.manufacturing_half_width_mm.ravel()
             sources = alike("mm", self.manufacturing_law, wide, self.manufacturing_coverage_factor)
             known = np.zeros(sources.count)
-            effects.append(DirectEffect(name, label, pointer, Drawn.UNIT, sources, known, Place.BEADS, None))
+            drawn = self.manufacturing_drawn
+            effects.append(DirectEffect(name, label, pointer, drawn, sources, known, Place.BEADS, None))
         return tuple(effects)
 
     def scene(self, aims_mm: ArrayLike, imaging: Callable[[Array, ArrayLike], ArrayLike]) -> Scene:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import radians, sqrt
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,16 +24,29 @@ from .fields import (
     HalfWidthDegrees,
     Record,
     leave_out_later,
+    one_of,
     refusal,
     with_law,
 )
 from .geometry.arrays import Array, frozen
+from .levels import Drawn
 from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM, AnySize
 from .system import TORSOR_COMPONENTS, Law, Sources, correlate, no_sources
 
 DEFAULT_COVERAGE = 2.0
 LEAST_EIGENVALUE = -1e-9  # of a correlation: below it is not rounding
 SYMMETRIC = 1e-6  # relative to both standard deviations
+HowOften = Annotated[Drawn, one_of(Drawn)]
+
+
+def level_field(usual: Drawn, what: str = "this") -> Any:
+    """The field that says how often something takes new values."""
+    return Field(
+        default=usual,
+        description=f"How often {what} takes new values. unit: once per installed unit; mounting: each time that the "
+        f"structure is mounted; shot: at every shot. Default {usual}.",
+        examples=["mounting"],
+    )
 
 
 class Bias(Record):

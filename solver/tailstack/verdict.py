@@ -5,9 +5,10 @@ from __future__ import annotations
 from math import isfinite
 from typing import Literal
 
+from .levels import level_of
 from .results import ERRORS, Check, Finding, Interval, Verdict, headline_of
 from .results.digits import decimals_of, in_percent, length
-from .results.verdicts import name_basis
+from .results.verdicts import name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -77,13 +78,13 @@ def _finding(check: Check, basis: str) -> Finding:
         if high is not None
         else "(no upper end is known)"
     )
-    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
+    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed, risk=check.risk)
     what = (
         f"{value} is {length(check.value, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
         f"limit {check.limit:g} {check.unit}"
     )
     if check.yield_fraction is not None:
-        what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"
+        what += f" ({in_percent(check.yield_fraction, 2)} of {name_all(check.risk)} meet it)"
     estimated = basis.startswith("first order")
     if check.status == "fail":
         closing = ""
@@ -92,8 +93,8 @@ def _finding(check: Check, basis: str) -> Finding:
         closing = f": {why}; run `tailstack verify`"
     elif estimated:
         closing = ": too close to say by estimate; run `tailstack verify`"
-    elif check.risk == "per_unit":
-        closing = ": too close to say, and the number of units drawn is fixed; change the limit or the design"
+    elif (level := level_of(check.risk)) is not None:
+        closing = f": too close to say, and the number of {level.plural} drawn is fixed; change the limit or the design"
     else:
         closing = ": too close to say; ask for more trials or a tighter `--precision`"
     return Finding(

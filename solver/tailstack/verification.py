@@ -21,6 +21,7 @@ from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
 from .kernels.process import usable_cores
+from .levels import Drawn
 from .losses import LossSearch
 from .measures import MEASURE, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
@@ -241,14 +242,15 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitsTask:
-    """The quantile over ``SHOTS`` shots of each installed unit, of one error at one target."""
+    """The quantile over ``SHOTS`` shots of each installed unit, or of each mounting, of one error at one target."""
 
-    plan: ChainPlan  # with SHOTS shots per unit
+    plan: ChainPlan  # with SHOTS shots per unit, at the level
     seed: int
     target: str  # or the site of a measure that joins several
     error: str
     quantile: float
     units: int = UNITS
+    level: Drawn = Drawn.UNIT  # what is read by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -511,15 +513,16 @@ def _sample_radially(work: Work) -> SampledDesign:
 
 
 def _sample_units(work: Work) -> UnitQuantiles:
-    """Where a requirement is on each unit."""
+    """Where a requirement is on each unit, or on each mounting."""
     ready = work.ready
     tasks = []
     for requirement in ready.system.requirements:
-        for name in requirement.targets if requirement.risk == "per_unit" else ():
+        for name in requirement.targets if requirement.level else ():
+            level = requirement.level or Drawn.UNIT
             for vertex in ready.vertices[name, requirement.error]:
-                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS)
+                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS, held=level)
                 seed, units = work.sampling.seed, work.sampling.units
-                task = UnitsTask(plan, seed, name, requirement.error, requirement.quantile, units)
+                task = UnitsTask(plan, seed, name, requirement.error, requirement.quantile, units, level)
                 tasks.append(((requirement, name), task))
     own: UnitQuantiles = {}
     results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
@@ -614,7 +617,8 @@ def _refuse_without_bound(ready: PreparedDesign, sampled: SampledDesign, own: Un
             raise no_bound(samples.unanswered, samples.trials, what)
     for (requirement, _), at_each in own.items():
         if any(np.quantile(units, requirement.units_fraction or P95, method="higher") == inf for units in at_each):
-            raise no_bound(samples.unanswered, samples.trials, f"that units keep in {requirement.name}")
+            keepers = (requirement.level or Drawn.UNIT).plural
+            raise no_bound(samples.unanswered, samples.trials, f"that {keepers} keep in {requirement.name}")
 
 
 def _count_losses(ready: PreparedDesign, sampled: SampledDesign) -> DrawnLosses | None:
@@ -754,7 +758,7 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
 
 
 def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: bool) -> Check:
-    """Nested sampling at each vertex of installed units, ``SHOTS`` shots of each; the worst vertex is told.
+    """Nested sampling at each vertex of installed units, or of mountings, ``SHOTS`` shots of each; the worst is told.
 
     The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
     the limit.  Its interval is within the limit just where the lower Clopper-Pearson limit of the yield is what is

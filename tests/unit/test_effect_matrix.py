@@ -29,6 +29,7 @@ from tailstack.design.pointers import find_numbers, set_numbers
 from tailstack.effects import EFFECTS, EffectKind
 from tailstack.effects.kind import Excess
 from tailstack.errors import DesignError
+from tailstack.levels import Drawn
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice
@@ -40,7 +41,6 @@ from tailstack.studies.coupling import study_coupling
 from tailstack.studies.estimators import study_estimators
 from tailstack.studies.linearity import study_linearity
 from tailstack.studies.views import study_views
-from tailstack.system import Drawn
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import json_schema
 from typical import declare

@@ -25,6 +25,7 @@ from scenes import every_effect, with_effects
 from tailstack import load_design, score, verify
 from tailstack.effects import EFFECTS
 from tailstack.fields import INTERFACES, Typical
+from tailstack.levels import Drawn
 from tailstack.montecarlo.chain import draw, evaluate
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise
@@ -32,7 +33,7 @@ from tailstack.results import Score
 from tailstack.studies.bench.levels import draw_time, share_draws
 from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
 from tailstack.studies.linearity import study_linearity
-from tailstack.system import Drawn, Law, Sources, System, View, no_sources
+from tailstack.system import Law, Sources, System, View, no_sources
 from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.sentences import shares_of
 from tailstack_service.report.headline import headline_of

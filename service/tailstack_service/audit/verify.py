@@ -162,8 +162,8 @@ def _check_effort(result: ReadResult, designs: tuple[Design, ...], most: Effort)
 
 
 def _per_unit(design: Design) -> int:
-    """Targets that requirements on each unit are judged at, once for each requirement."""
-    return sum(len(entry.targets) for entry in compile_design(design).requirements if entry.risk == "per_unit")
+    """Targets that requirements on each unit, or each mounting, are judged at, once for each requirement."""
+    return sum(len(entry.targets) for entry in compile_design(design).requirements if entry.risk != "pooled")
 
 
 # --- two records, value by value ------------------------------------------------------------------------

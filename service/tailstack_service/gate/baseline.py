@@ -195,6 +195,8 @@ def _list_less(entry: GateRequirement, demand: GateRequirement) -> list[tuple[st
         less.append((field, f"limit raised from {demand.limit:g} to {entry.limit:g} {entry.unit}"))
     if entry.quantile < demand.quantile - ROUNDING:
         less.append(("quantile", f"quantile lowered from {demand.quantile:g} to {entry.quantile:g}"))
+    if None not in (demand.min_yield, entry.min_yield) and entry.risk != demand.risk:
+        less.append(("risk", f"it is read {entry.risk}, and was read {demand.risk}"))
     if (entry.min_yield or 0.0) < (demand.min_yield or 0.0) - ROUNDING:
         less.append(("min_yield", f"yield lowered from {demand.min_yield:g} to {entry.min_yield or 0.0:g}"))
     if entry.confidence < demand.confidence - ROUNDING:

@@ -15,7 +15,7 @@ from tailstack.design import Design, design_to_data, load_design
 from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
-from tailstack.results.verdicts import is_of_all_shots
+from tailstack.results.verdicts import is_of_all_shots, name_all
 from tailstack.verdict import decide
 
 from .policy import Rules
@@ -107,7 +107,7 @@ def list_requirements(
     """
     stated = {}
     for entry in design.document.requirements:
-        units = entry.risk == "per_unit"
+        units = entry.risk != "pooled"
         stated[entry.name] = GateRequirement(
             name=entry.name,
             origin="design",
@@ -117,6 +117,7 @@ def list_requirements(
             quantile=entry.quantile,
             limit=entry.limit,
             min_yield=entry.min_yield,
+            **({"risk": entry.risk} if units else {}),
             confidence=entry.confidence,
             targets=tuple(check.target for check in score.verdict.checks if check.requirement == entry.name),
         )
@@ -157,7 +158,7 @@ def compare_numbers(
     comparisons = []
     for requirement, check in stated:
         if requirement.severity != "off":
-            own = requirement.confidence if check.risk == "per_unit" else largest
+            own = requirement.confidence if check.risk != "pooled" else largest
             rate = None if verification is None else _error_rate(own)
             if doubted:
                 check = replace(check, interval=UNKNOWN, status="inconclusive")
@@ -290,7 +291,7 @@ def describe_requirement(entry: GateRequirement) -> str:
     if entry.rule == "cvar":
         return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit:g} mm"
     what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit:g} {entry.unit}"
-    return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of installed units"
+    return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of {name_all(entry.risk)}"
 
 
 def name_targets(targets: Iterable[str]) -> str:

@@ -15,7 +15,7 @@ from tailstack.fields import INTERFACES
 from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length
-from tailstack.results.verdicts import assumed_sentence
+from tailstack.results.verdicts import assumed_sentence, name_all
 from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
 
@@ -111,9 +111,10 @@ def _describe_number(comparison: LimitComparison) -> str:
     value_text = f"{length(number.value, decimals)} {number.unit} {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.yield_fraction is not None and number.min_yield is not None:
-        value = headline_of(requirement.quantile, number.min_yield, ERRORS[requirement.error])
+        value = headline_of(requirement.quantile, number.min_yield, ERRORS[requirement.error], risk=number.risk)
         good = (
-            f"{in_percent(number.yield_fraction, 2)} of installed units are good, {100 * number.min_yield:g} % required"
+            f"{in_percent(number.yield_fraction, 2)} of {name_all(number.risk)} are good, "
+            f"{100 * number.min_yield:g} % required"
         )
         return f"{value} is {value_text}, limit {number.limit:g} {number.unit}: {good}"
     if number.rule == "exceedance":

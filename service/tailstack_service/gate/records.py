@@ -98,13 +98,15 @@ class GateRequirement:
     limit: float
     """The limit, in `unit`."""
     min_yield: float | None
-    """Fraction of units that must keep it; null: the risk is pooled."""
+    """Fraction of units, or of mountings, that must keep it; null: the risk is pooled."""
     confidence: float
     """Confidence with which it is judged, 0 to 1."""
     targets: tuple[str, ...]
     """Targets that it is about."""
     unit: str = ""
     """Unit of the limit: mm, unless the measure has another."""
+    risk: str = "per_unit"
+    """Of what `min_yield` is a fraction: per_unit, per_mounting."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", MEASURE[self.error].unit)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 from typing import TYPE_CHECKING
 
+from tailstack.levels import level_of
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
 from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
@@ -243,8 +244,8 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
         return ""
     if basis.startswith("first order"):
         return "Run `tailstack verify`, which simulates, to decide."
-    if check.risk == "per_unit":
-        return "The number of units drawn is fixed: change the limit or the design."
+    if (level := level_of(check.risk)) is not None:
+        return f"The number of {level.plural} drawn is fixed: change the limit or the design."
     return "Simulate more shots to decide: a tighter --precision or more --trials."
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 
-    from .half_widths import ToleranceCurve, ToleranceCurves
+    from .half_widths import Judgement, ToleranceCurve, ToleranceCurves
     from .matplotlib_svg import Chart
     from .records import ErrorDistribution
 
@@ -284,10 +284,13 @@ def draw_tolerances(
         return page.svg(title, _words(shown, decimals))
 
 
+def _headline(judgement: Judgement, of: str = "") -> str:
+    return headline_of(judgement.quantile, judgement.units_fraction, of, risk=judgement.risk)
+
+
 def _error(shown: ToleranceCurves) -> str:
     """What is drawn, in words: P95 of the error at the tool."""
-    judgement = shown.judgement
-    return headline_of(judgement.quantile, judgement.units_fraction, ERRORS[judgement.error])
+    return _headline(shown.judgement, ERRORS[shown.judgement.error])
 
 
 def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:
@@ -349,7 +352,7 @@ def _explain_tolerances(
     page: Chart, shown: ToleranceCurves, other: ToleranceCurves | None, called: Pair, y: float, decimals: int
 ) -> None:
     line_of = page.sample
-    marks = [(line_of(color=VALUE_COLOUR), headline_of(shown.judgement.quantile, shown.judgement.units_fraction))]
+    marks = [(line_of(color=VALUE_COLOUR), _headline(shown.judgement))]
     marks.append(
         (line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.{decimals}f} mm")
     )

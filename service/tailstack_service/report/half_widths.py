@@ -14,6 +14,7 @@ import numpy as np
 from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design, compile_design
+from tailstack.levels import Drawn, level_of
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.scoring import risk_of_units
 from tailstack.tail.declared import law_quantile
@@ -37,7 +38,8 @@ class Judgement:
     error: str = "tcp"
     quantile: float = 0.95
     limit_mm: float | None = None
-    units_fraction: float | None = None  # of installed units that keep their own quantile within; None: all together
+    units_fraction: float | None = None  # of units (mountings) that keep their own quantile within; None: all together
+    risk: str = "per_unit"  # of what
 
     def quantile_mm(self, model: LinearModel, line: BudgetEntry | None = None, factor: float = 1.0) -> float:
         """What is limited, with the half-widths of a line of the budget ``factor`` times what they are."""
@@ -49,7 +51,8 @@ class Judgement:
             model = replace(model, blocks=blocks)
         law = error_law(model, self.error, self.quantile)
         if self.units_fraction is not None:
-            return risk_of_units(model, law, self.quantile, None, self.units_fraction).value_mm
+            level = level_of(self.risk) or Drawn.UNIT
+            return risk_of_units(model, law, self.quantile, None, self.units_fraction, level).value_mm
         return law_quantile(law.law, self.quantile).quantile_mm
 
     def factor_at_limit(self, model: LinearModel, line: BudgetEntry, low: float, high: float) -> float:
@@ -67,7 +70,7 @@ def judgement_of(check: Check | None) -> Judgement:
     """What a check looks at; without one, P95 of the error at the tool."""
     if check is None:
         return P95_OF_TCP
-    return Judgement(check.error, check.quantile, check.limit, check.min_yield)
+    return Judgement(check.error, check.quantile, check.limit, check.min_yield, check.risk)
 
 
 def lines_with_one_half_width(model: LinearModel) -> list[BudgetEntry]:

@@ -61,6 +61,7 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
         matters=(),
         error=decisive.error,
         min_yield=decisive.min_yield,
+        risk="per_unit" if decisive.min_yield is None else decisive.risk,
     )
 
 

@@ -40,19 +40,21 @@ class Headline:
     error: str = "tcp"
     """Measure that decides, as a requirement names it: tcp (the error at the tool), ..."""
     min_yield: float | None = None
-    """Fraction of units that must keep the limit; null: the risk is pooled."""
+    """Fraction of units, or of mountings, that must keep the limit; null: the risk is pooled."""
     headline: str = ""
     """What the value is, in words: "P95 that 90 % of units keep"."""
     margin: float | None = None
     """Limit less the upper end of the interval; null where one of them is not known."""
     unit: str = ""
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
+    risk: str = "per_unit"
+    """Of what `min_yield` is a fraction: per_unit, per_mounting."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", MEASURE[self.error].unit)
         high = self.interval[1]
         margin = None if high is None or self.limit is None else self.limit - high
-        object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield))
+        object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield, risk=self.risk))
         object.__setattr__(self, "margin", margin)
 
 

@@ -19,6 +19,7 @@ from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import depths
 from ..geometry.naming import direction_name, point_name
+from ..levels import Drawn
 from ..measures import MEASURE, Metric, metrics_at
 from ..results import Finding, ViewCheck
 from ..system import (
@@ -97,6 +98,7 @@ def _compile(design: Design) -> System:
         manufacturing_law=Law.NORMAL if made is None else Law(made.distribution),
         manufacturing_half_width_mm=frozen(half_width),
         manufacturing_coverage_factor=1.0 if made is None else coverage_of(made.distribution, made.coverage_factor),
+        manufacturing_drawn=Drawn.UNIT if made is None else made.drawn,
         structure_connector=_interface(document.interfaces.structure_connector, "structure_connector"),
         connector_flange=_interface(document.interfaces.connector_flange, "connector_flange"),
         T_flange_con=flange_con,
@@ -163,14 +165,14 @@ def _interface(interface: Interface | None, name: str) -> DirectEffect:
             for locator, way in zip(held, direction.T, strict=True)
         ]
         sources = gather_sources(stated, 6)
-    return mount(name, pivot, interface.bias.torsor, sources, interface.label)
+    return mount(name, pivot, interface.bias.torsor, sources, interface.label, interface.drawn)
 
 
 def _hand_eye(hand_eye: HandEye | None) -> DirectEffect:
     if hand_eye is None:
         return _perfect("hand_eye")
-    sources = hand_eye.tolerances.sources
-    return mount("hand_eye", frozen(hand_eye.pivot_mm), hand_eye.bias.torsor, sources, "hand-eye calibration")
+    sources, label = hand_eye.tolerances.sources, "hand-eye calibration"
+    return mount("hand_eye", frozen(hand_eye.pivot_mm), hand_eye.bias.torsor, sources, label, hand_eye.drawn)
 
 
 def _execution(execution: Execution) -> DirectEffect:
@@ -187,7 +189,7 @@ def _execution(execution: Execution) -> DirectEffect:
         bias = matrix @ np.array(load.load_n)
         if (width := load.load_half_width_n) is not None:
             stated += _along_axes("load", "N", matrix, width, load.distribution or "normal", load.coverage_factor)
-    return execution_of(gather_sources(stated, 3), frozen(bias))
+    return execution_of(gather_sources(stated, 3), frozen(bias), execution.drawn)
 
 
 def _along_axes(

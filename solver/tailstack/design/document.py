@@ -61,6 +61,7 @@ from ..fields import (
 )
 from ..geometry.arrays import Array
 from ..geometry.rotation import RotationForm
+from ..levels import RISKS, Drawn
 from ..measures import MEASURE, MEASURES, MeasureName
 from ..ranges import (
     BEAD_PLACE_MM,
@@ -89,10 +90,14 @@ from ..ranges import (
     AnySize,
 )
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
-from ..tolerances import Bias, Tolerances
+from ..tolerances import Bias, HowOften, Tolerances, level_field
 from .optimise_document import Optimise
 from .presets import PRESETS
 
+if TYPE_CHECKING:
+    RiskName = str
+else:
+    RiskName = Literal[RISKS]
 FOOT_PX = AnySize("principal-point judges it by the middle of the image")
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
 
@@ -418,6 +423,9 @@ class Interface(Record):
         description="Six point contacts (3-2-1). Contact i deviates by delta_i along its normal n_i, and the torsor "
         "(t, w) at the pivot p follows from n_i . (t + w x (p_i - p)) = delta_i.",
     )
+    drawn: HowOften = level_field(Drawn.UNIT, "its tolerances or locators")
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
 
     @model_validator(mode="after")
     def _one_description(self) -> Interface:
@@ -457,10 +465,13 @@ class HandEye(Record):
     tolerances: Annotated[Tolerances, HAND_EYE_DEG, HAND_EYE_MM] = Field(
         default_factory=Tolerances, description="Half-width and law per component."
     )
+    drawn: HowOften = level_field(Drawn.UNIT)
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
 
 
 class Repeatability(Record):
-    """Scatter of the robot's positioning, drawn at every shot, per axis of the tcp frame."""
+    """Scatter of the robot's positioning, per axis of the tcp frame."""
 
     model_config, _one_size = exactly_one("std_mm", "half_width_mm", neither="std_mm: 0.02")
 
@@ -580,13 +591,12 @@ class Compliance(Record):
 class Execution(Record):
     """What happens between the navigated position and the tool."""
 
-    repeatability: Repeatability | None = Field(
-        default=None, description="Positioning scatter at every shot. Absent: none."
-    )
-    hand_eye: HandEye | None = Field(
-        default=None, description="Hand-eye calibration error, drawn once per unit. Absent: none."
-    )
+    repeatability: Repeatability | None = Field(default=None, description="Positioning scatter. Absent: none.")
+    hand_eye: HandEye | None = Field(default=None, description="Hand-eye calibration error. Absent: none.")
     compliance: Compliance | None = Field(default=None, description="Deflection under load. Absent: rigid.")
+    drawn: HowOften = level_field(Drawn.SHOT, "what repeatability and load add")
+
+    _as_before = leave_out_later({"drawn": Drawn.SHOT})
 
 
 SCHEMA_NAME = "tailstack/design/1"
@@ -624,7 +634,9 @@ class Manufacturing(Record):
     )
     distribution: RandomLaw = Field(description=LAW_WORDS + ".", examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+    drawn: HowOften = level_field(Drawn.UNIT)
 
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
     _law = with_law("half_width_mm")
 
 
@@ -809,23 +821,26 @@ class RequirementDocument(Record):
     targets: Literal["all"] | Annotated[list[Name], Field(min_length=1)] = Field(
         default="all", description="all, or a list of names of targets and regions. Default all.", examples=["all"]
     )
-    risk: Literal["pooled", "per_unit"] = Field(
+    risk: RiskName = Field(
         default="pooled",
-        description="pooled: over installed units and shots together. per_unit: each unit on its own; see min_yield.",
+        description="pooled: over installed units and shots together. per_unit: each unit on its own, over its "
+        "mountings and shots; per_mounting: each mounting on its own, over its shots; see min_yield.",
         examples=["pooled"],
     )
     min_yield: Annotated[float, Field(gt=0, lt=1), YIELD] | None = Field(
         default=None,
-        description="per_unit only, required there: fraction of installed units whose own quantile meets the limit.",
+        description="Required unless the risk is pooled: fraction of installed units, or of mountings, whose own "
+        "quantile meets the limit.",
         examples=[0.95],
     )
 
     @model_validator(mode="after")
     def _yield(self) -> RequirementDocument:
         if self.risk == "pooled" and self.min_yield is not None:
-            raise refusal("unused-field", "min_yield is read only with risk: per_unit", at="min_yield")
-        if self.risk == "per_unit" and self.min_yield is None:
-            raise refusal("missing-field", "risk: per_unit needs min_yield", "min_yield: 0.95")
+            risks = " or ".join(RISKS[1:])
+            raise refusal("unused-field", f"min_yield is read only with risk: {risks}", at="min_yield")
+        if self.risk != "pooled" and self.min_yield is None:
+            raise refusal("missing-field", f"risk: {self.risk} needs min_yield", "min_yield: 0.95")
         return self
 
     @property

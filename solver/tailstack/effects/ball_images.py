@@ -12,8 +12,9 @@ from pydantic import Field, model_validator
 from ..fields import Length, Record, Typical, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import image_of
+from ..levels import Drawn
 from ..ranges import BALL_MM
-from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, no_sources
+from ..system import Act, ArrayLike, Effect, Place, Scene, System, no_sources
 from .kind import Doubt, EffectKind, PlausibilityTest, Setting
 
 SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's shadow has

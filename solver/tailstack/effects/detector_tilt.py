@@ -13,12 +13,13 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..fields import Degrees, Record, Typical, refusal
+from ..fields import Degrees, Record, Typical, leave_out_later, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import intrinsics_of
+from ..levels import Drawn
 from ..ranges import TILT_DEG
-from ..system import Act, Drawn, Effect, Place, Scene, Sources, System
-from ..tolerances import RotationTolerance, compile_sources
+from ..system import Act, Effect, Place, Scene, Sources, System
+from ..tolerances import HowOften, RotationTolerance, compile_sources, level_field
 from .kind import EffectKind, Setting, name_views
 
 AXES = ("about_u", "about_v")
@@ -28,7 +29,7 @@ Turn = Annotated[RotationTolerance, Typical(0.02, 0.5, of="half_width_deg"), TIL
 
 
 class DetectorTilt(Record):
-    """How far a view's detector may be turned out of the plane of its image, drawn once per installed unit.
+    """How far a view's detector may be turned out of the plane of its image.
 
     Both turns are about the foot of the perpendicular from the source: by a positive one the detector's far end, at
     large v (about u) or large u (about v), moves away from the source.
@@ -42,6 +43,9 @@ class DetectorTilt(Record):
     bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(
         default=0.0, description="Known turn about v, degrees. Default 0.", examples=[0.2]
     )
+    drawn: HowOften = level_field(Drawn.UNIT)
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
 
     @model_validator(mode="after")
     def _small(self) -> Self:
@@ -85,17 +89,19 @@ class TiltEffect(Effect):
         return ((Place.IMAGES, self.view),)
 
 
-def detector_tilt(view: str, sources: Sources, known: object = (0.0, 0.0), pointer: str = "") -> TiltEffect:
+def detector_tilt(
+    view: str, sources: Sources, known: object = (0.0, 0.0), pointer: str = "", drawn: Drawn = Drawn.UNIT
+) -> TiltEffect:
     """The effect in a view: sources (2, k) and known (2,), rad, about u and about v."""
     name, label = f"detector_tilt:{view}", f"tilt of the detector, {view}"
-    return TiltEffect(name, label, pointer, Drawn.UNIT, sources, frozen(known), view)
+    return TiltEffect(name, label, pointer, drawn, sources, frozen(known), view)
 
 
 def _compile(section: TiltOfView, setting: Setting) -> Iterator[Effect]:
     if (declared := section.detector_tilt) is not None:
         sources = compile_sources({axis: getattr(declared, axis) for axis in AXES})
         known = np.deg2rad([declared.bias_about_u_deg, declared.bias_about_v_deg])
-        yield detector_tilt(setting.views[0].name, sources, known, f"{setting.pointer}/detector_tilt")
+        yield detector_tilt(setting.views[0].name, sources, known, f"{setting.pointer}/detector_tilt", declared.drawn)
 
 
 def _not_modelled(system: System) -> str:

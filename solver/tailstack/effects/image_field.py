@@ -18,19 +18,21 @@ from ..fields import (
     HalfWidth,
     Record,
     Typical,
+    leave_out_later,
     refusal,
     with_law,
 )
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
+from ..levels import Drawn
 from ..ranges import FIELD_PX
-from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System
-from ..tolerances import coverage_of
+from ..system import Act, ArrayLike, Effect, Law, Place, Scene, Sources, System
+from ..tolerances import HowOften, coverage_of, level_field
 from .kind import EffectKind, Setting, name_views
 
 
 class ImageField(Record):
-    """What is left of the image's distortion after its correction: a polynomial, drawn once per installed unit.
+    """What is left of the image's distortion after its correction: a polynomial.
 
     Along u and along v, the shift of an image point is a sum of ``c x^i y^j``, where (x, y) is its place from the
     image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
@@ -49,6 +51,9 @@ class ImageField(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
+    drawn: HowOften = level_field(Drawn.UNIT)
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
     _law = with_law("half_widths_px")
 
 
@@ -107,7 +112,13 @@ def field_shifts(
 
 
 def image_field(
-    view: str, size_px: tuple[int, int], half_widths_px: list[float], law: Law, coverage: float = 1.0, pointer: str = ""
+    view: str,
+    size_px: tuple[int, int],
+    half_widths_px: list[float],
+    law: Law,
+    coverage: float = 1.0,
+    pointer: str = "",
+    drawn: Drawn = Drawn.UNIT,
 ) -> FieldEffect:
     """The effect in a view with an image of this size: the coefficients of every degree that has some half-width, px,
     first those of u, then those of v."""
@@ -125,7 +136,7 @@ def image_field(
     centre, half_diagonal = frozen(image_centre_px(size_px)), float(np.hypot(*size_px)) / 2
     name, label = f"image_field:{view}", f"image field, {view}"
     none = frozen(np.zeros(len(axis)))
-    return FieldEffect(name, label, pointer, Drawn.UNIT, sources, none, view, centre, half_diagonal, axis, powers)
+    return FieldEffect(name, label, pointer, drawn, sources, none, view, centre, half_diagonal, axis, powers)
 
 
 def _compile(section: FieldOfView, setting: Setting) -> Iterator[Effect]:
@@ -134,7 +145,7 @@ def _compile(section: FieldOfView, setting: Setting) -> Iterator[Effect]:
         assert view.image_size_px is not None  # the section has made sure
         law, coverage = Law(field.distribution), coverage_of(field.distribution, field.coverage_factor)
         pointer = f"{setting.pointer}/image_field"
-        yield image_field(view.name, view.image_size_px, field.half_widths_px, law, coverage, pointer)
+        yield image_field(view.name, view.image_size_px, field.half_widths_px, law, coverage, pointer, field.drawn)
 
 
 def _not_modelled(system: System) -> str:

@@ -1,6 +1,6 @@
 """Errors of the intrinsics that an estimator assumes: focal length and principal point, assumed less true.
 
-Drawn once per unit, independently in each view.  Estimators that assume no intrinsics do not feel them.
+Independent in each view.  Estimators that assume no intrinsics do not feel them.
 """
 
 from __future__ import annotations
@@ -11,11 +11,22 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, with_law
+from ..fields import (
+    COVERAGE_WORDS,
+    LAW_WORDS,
+    CoverageFactor,
+    ImagePoint,
+    RandomLaw,
+    Record,
+    Typical,
+    leave_out_later,
+    with_law,
+)
 from ..geometry.arrays import frozen
+from ..levels import Drawn
 from ..ranges import FOOT_ERROR_PX, SHARE
-from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Place, Sources, System
-from ..tolerances import Source, gather_sources
+from ..system import INTRINSICS, DirectEffect, Effect, Place, Sources, System
+from ..tolerances import HowOften, Source, gather_sources, level_field
 from .kind import EffectKind, Limit, Proportional, Setting
 
 NAME = "assumed_intrinsics"
@@ -61,12 +72,15 @@ class PrincipalPointError(Record):
 
 
 class IntrinsicsError(Record):
-    """How wrong the assumed intrinsics of a view may be.  Drawn once per unit, independently in each view."""
+    """How wrong the assumed intrinsics of a view may be, independently in each view."""
 
     focal: FocalError | None = Field(default=None, description="Of the focal length. Absent: exact.")
     principal_point: PrincipalPointError | None = Field(
         default=None, description="Of the principal point. Absent: exact."
     )
+    drawn: HowOften = level_field(Drawn.UNIT)
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
 
 
 class IntrinsicsOfView(Record):
@@ -79,11 +93,13 @@ class IntrinsicsOfView(Record):
     )
 
 
-def intrinsics_error(view: str, known: object, sources: Sources, pointer: str = "") -> DirectEffect:
+def intrinsics_error(
+    view: str, known: object, sources: Sources, pointer: str = "", drawn: Drawn = Drawn.UNIT
+) -> DirectEffect:
     """The effect in a view: known (3,) and sources (3, k) in the order and units of ``system.INTRINSICS``."""
     name = f"{NAME}:{view}"
     return DirectEffect(
-        name, f"assumed intrinsics, {view}", pointer, Drawn.UNIT, sources, frozen(known), Place.INTRINSICS, view
+        name, f"assumed intrinsics, {view}", pointer, drawn, sources, frozen(known), Place.INTRINSICS, view
     )
 
 
@@ -106,8 +122,8 @@ def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
         for name, part, width, unit, way in zip(INTRINSICS, parts, widths, UNITS, np.eye(3), strict=True)
         if width
     ]
-    sources = gather_sources(stated, 3)
-    yield intrinsics_error(view.name, [focal.bias_rel, *centre.bias_px], sources, f"{setting.pointer}/intrinsics_error")
+    sources, pointer = gather_sources(stated, 3), f"{setting.pointer}/intrinsics_error"
+    yield intrinsics_error(view.name, [focal.bias_rel, *centre.bias_px], sources, pointer, error.drawn)
 
 
 def _not_modelled(system: System) -> str:

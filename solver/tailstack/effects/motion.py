@@ -9,11 +9,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ..fields import Point, Record, Typical
+from ..fields import Point, Record, Typical, leave_out_later
 from ..geometry.arrays import frozen
+from ..levels import Drawn
 from ..ranges import MOTION_DEG, MOTION_MM
-from ..system import DirectEffect, Drawn, Effect, Place, Sources, System
-from ..tolerances import Tolerances
+from ..system import DirectEffect, Effect, Place, Sources, System
+from ..tolerances import HowOften, Tolerances, level_field
 from .kind import EffectKind, Excess, Limit, Setting
 
 # motion between the shots, standard deviations: of the beads in all directions together (root mean square over them,
@@ -37,7 +38,10 @@ class Motion(Record):
         Typical(0.01, 0.3, of="half_width_mm"),
         MOTION_DEG,
         MOTION_MM,
-    ] = Field(description="Half-width and law per component, drawn at every shot.")
+    ] = Field(description="Half-width and law per component.")
+    drawn: HowOften = level_field(Drawn.SHOT)
+
+    _as_before = leave_out_later({"drawn": Drawn.SHOT})
 
 
 class MotionOfView(Record):
@@ -50,14 +54,20 @@ class MotionOfView(Record):
 
 
 def motion(
-    view: str, pivot_mm: object, sources: Sources, known: object = (0.0,) * 6, label: str = "", pointer: str = ""
+    view: str,
+    pivot_mm: object,
+    sources: Sources,
+    known: object = (0.0,) * 6,
+    label: str = "",
+    pointer: str = "",
+    drawn: Drawn = Drawn.SHOT,
 ) -> DirectEffect:
     """The effect before the shot of a view: sources (6, k) and known (6,), rad and mm, about a pivot (3,) in con."""
     return DirectEffect(
         f"motion:{view}",
         label or f"motion before shot {view}",
         pointer,
-        Drawn.SHOT,
+        drawn,
         sources,
         frozen(known),
         Place.SHOT,
@@ -69,7 +79,8 @@ def motion(
 def _compile(section: MotionOfView, setting: Setting) -> Iterator[Effect]:
     if (declared := section.motion) is not None:
         (view,), sources, pointer = setting.views, declared.tolerances.sources, f"{setting.pointer}/motion"
-        yield motion(view.name, declared.pivot_mm, sources, label=declared.label, pointer=pointer)
+        known = (0.0,) * 6
+        yield motion(view.name, declared.pivot_mm, sources, known, declared.label, pointer, declared.drawn)
 
 
 def _not_modelled(system: System) -> str:

@@ -19,12 +19,14 @@ from ..fields import (
     Point,
     Record,
     Typical,
+    leave_out_later,
     with_law,
 )
 from ..geometry.arrays import frozen
+from ..levels import Drawn
 from ..ranges import DIFFERENCE_K, EXPANSION
-from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, Sources, System
-from ..tolerances import Source, gather_sources
+from ..system import Act, ArrayLike, Effect, Place, Scene, Sources, System
+from ..tolerances import HowOften, Source, gather_sources, level_field
 from .kind import EffectKind, Limit, Pivots, Proportional, Setting
 
 
@@ -38,7 +40,7 @@ class Temperature(Record):
         default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
     )
     half_width_k: Annotated[float, Field(ge=0, le=300), Typical(0.5, 10), DIFFERENCE_K] = Field(
-        default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
+        default=0.0, description="Half-width of the difference about it, K.", examples=[5.0]
     )
     distribution: AnyLaw | None = Field(
         default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
@@ -62,6 +64,9 @@ class Temperature(Record):
         examples=[[0.0, 0.0, -150.0]],
     )
 
+    drawn: HowOften = level_field(Drawn.SHOT)
+
+    _as_before = leave_out_later({"drawn": Drawn.SHOT})
     _law = with_law("half_width_k")
 
 
@@ -113,11 +118,12 @@ def temperature(
     expansion_per_k: tuple[float, float],
     seats_mm: tuple[ArrayLike, ArrayLike],
     at_pivots: tuple[bool, bool] = (False, False),
+    drawn: Drawn = Drawn.SHOT,
 ) -> ThermalEffect:
     """The effect: sources of the difference about the known one, none or one in K; expansions of the structure and the
     connector, relative; their seats (3,), con."""
     name, known = "temperature", frozen([difference_k])
-    return ThermalEffect(name, name, f"/{name}", Drawn.SHOT, sources, known, *expansion_per_k, *seats_mm, at_pivots)
+    return ThermalEffect(name, name, f"/{name}", drawn, sources, known, *expansion_per_k, *seats_mm, at_pivots)
 
 
 def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:
@@ -130,7 +136,7 @@ def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:
     sources = gather_sources([Source("difference", law, width, factor, "K", np.ones(1))] if width > 0 else [], 1)
     expansions = declared.structure_expansion_um_per_m_k * 1e-6, declared.connector_expansion_um_per_m_k * 1e-6
     at_pivots = declared.seat_mm is None, declared.flange_seat_mm is None
-    yield temperature(declared.difference_k, sources, expansions, (first, second), at_pivots)
+    yield temperature(declared.difference_k, sources, expansions, (first, second), at_pivots, declared.drawn)
 
 
 def _check(section: OfDesign, pivots_mm: Pivots) -> Iterator[Problem]:

@@ -43,7 +43,8 @@ from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
 from ..geometry.rotation import RotationForm
-from ..system import Act, Drawn, Effect, Law, Place, Reading, Sources, System, Target, Weighing, std_per_half_width
+from ..levels import Drawn
+from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, Weighing, std_per_half_width
 from .tables import (
     BY_IMAGES,
     DEVIATES,
@@ -72,7 +73,7 @@ from .tables import (
     shot_slot,
 )
 
-STREAMS = {Drawn.UNIT: INSTALLATION, Drawn.SHOT: SHOT}
+SHOT_PLACES = (Place.SHOT, Place.BEADS, Place.CONNECTOR, Place.TOOL)  # of motion, growth and robot
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
 
 
@@ -176,14 +177,25 @@ class _Slot(NamedTuple):
         return sum((part.fixed for part in self.parts), np.zeros(self.rows))
 
 
-def _slots(system: System) -> list[_Slot]:
-    """Every place, with contributors or without.
+def _stream(drawn: Drawn, place: Place, held: Drawn | None) -> int:
+    """The stream that something is drawn from.  By its place where every trial draws everything: how often a design
+    says that it is drawn is then no matter, and changes no digit."""
+    again = place in SHOT_PLACES if held is None else not drawn.is_held(held)
+    return SHOT if again else INSTALLATION
+
+
+def _slots(system: System, held: Drawn | None = None) -> list[_Slot]:
+    """Every place, with contributors or without; held: see ``compile_plan``.
 
     Three mounts, execution, of each view its motion, the images of each view, what moves the fiducials, of each view
     its assumed intrinsics: the order in which seeds draw.
     """
     slots = [
-        _Slot(len(link.known), (_Part(link.name, STREAMS[link.drawn], link.sources, link.known),), link.pivot_mm)
+        _Slot(
+            len(link.known),
+            (_Part(link.name, _stream(link.drawn, link.place, held), link.sources, link.known),),
+            link.pivot_mm,
+        )
         for link in system.links
     ]
     scene = system.scene(np.array([target.position_mm for target in system.targets]), images_of)
@@ -193,7 +205,7 @@ def _slots(system: System) -> list[_Slot]:
         return tuple((effect, act) for effect, act in acts if act.place is place and act.view in (None, view))
 
     def parts(pairs: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
-        return tuple(_part(effect, act) for effect, act in pairs)
+        return tuple(_part(effect, act, held) for effect, act in pairs)
 
     for view in system.views:
         moved = at(Place.SHOT, view.name)
@@ -203,7 +215,7 @@ def _slots(system: System) -> list[_Slot]:
         slots.append(_Slot(6, parts(moved), moved[0][1].pivot_mm if moved else np.zeros(3)))
     points = len(system.fiducials_mm) + len(system.targets)
     slots += [_Slot(2 * points, parts(at(Place.IMAGES, view.name))) for view in system.views]
-    slots.append(_Slot(3 * len(system.fiducials_mm) + 3, _parts_of_beads(system, acts)))
+    slots.append(_Slot(3 * len(system.fiducials_mm) + 3, _parts_of_beads(system, acts, held)))
     believed = zip(system.views, system.believed_errors, strict=True)
     return slots + [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
 
@@ -221,12 +233,12 @@ def _place(act: Act) -> Act:
             assert_never(act.place)
 
 
-def _part(effect: Effect, act: Act) -> _Part:
+def _part(effect: Effect, act: Act, held: Drawn | None) -> _Part:
     sources = replace(effect.sources, direction=act.by(effect.sources.direction))
-    return _Part(effect.name, STREAMS[effect.drawn], sources, act.by(effect.known))
+    return _Part(effect.name, _stream(effect.drawn, act.place, held), sources, act.by(effect.known))
 
 
-def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
+def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]], held: Drawn | None) -> tuple[_Part, ...]:
     """What moves the fiducials, object frame, and what is at the flange; both by the same deviates."""
     count = 3 * len(system.fiducials_mm)
     into, parts = object_frame(system.fiducials_mm).into, []
@@ -240,7 +252,7 @@ def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]]) -> tuple
             elif act.place is Place.CONNECTOR:
                 rows[count:] += act.by(each)
         if rows.any():
-            parts.append(_part(effect, Act(Place.BEADS, None, rows)))
+            parts.append(_part(effect, Act(Place.BEADS, None, rows), held))
     return tuple(parts)
 
 
@@ -325,22 +337,30 @@ def object_frame(points: Array) -> ObjectFrame:
 
 
 def compile_plan(
-    system: System, *, vertex: Mapping[str, float] | Array | None = None, shots_per_unit: int = 1
+    system: System,
+    *,
+    vertex: Mapping[str, float] | Array | None = None,
+    shots_per_unit: int = 1,
+    held: Drawn | None = None,
 ) -> ChainPlan:
     """Compile a system for simulation.
 
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
     ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
-    shots_per_unit: this many consecutive trials share one installation.
+    shots_per_unit: this many consecutive trials share the deviates of the stream INSTALLATION.
+    held: throughout what (a unit, a mounting) the deviates of that stream stay; by default a unit where trials share
+    them, and where they do not, what is in which stream is a matter of its place alone.
     Raises OutOfRangeError for an unknown vertex or a count below 1.
     """
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
-    slots = _slots(system)
+    if held is None and shots_per_unit > 1:
+        held = Drawn.UNIT
+    slots = _slots(system, held)
     bounded = _name_bounded(slots)
     values = _vertex_values(bounded, vertex)
     sources = _compile_sources(slots, values)
-    blocks, starts = _lay_out(system, sources)
+    blocks, starts = _lay_out(system, sources, held)
     views = len(system.views)
     tables = Tables(
         segments=_segments(blocks),
@@ -519,7 +539,9 @@ def _compile_sources(slots: list[_Slot], vertex: tuple[float, ...]) -> _SourceTa
     return _SourceTables(slots, gains, starts, laws, fixed)
 
 
-def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[DeviateColumns, ...], NDArray[np.int64]]:
+def _lay_out(
+    system: System, sources: _SourceTables, held: Drawn | None
+) -> tuple[tuple[DeviateColumns, ...], NDArray[np.int64]]:
     """The blocks that have columns, and the first column of manufacturing and of every slot."""
     count, targets = len(system.fiducials_mm), len(system.targets)
     manufactured = bool(np.any(_spread(system) != 0))
@@ -527,7 +549,8 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[DeviateColum
     for view in system.views:
         every.append((f"fiducial_noise:{view.name}", (Law.NORMAL,) * (2 * count), SHOT))
         every.append((f"target_noise:{view.name}", (Law.NORMAL,) * (2 * targets), SHOT))
-    every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
+    made = INSTALLATION if held is None or system.manufacturing_drawn.is_held(held) else SHOT
+    every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), made))
     firsts = [len(every) - 1]  # of manufacturing, and of every slot
     for slot, laws in zip(sources.slots, sources.laws, strict=True):
         firsts.append(len(every))

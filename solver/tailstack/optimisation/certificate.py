@@ -40,7 +40,7 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
         if row.lower == row.upper:  # on a surface by definition
             continue
         if row.kind in ("quantile", "cost"):
-            sampled = row.kind == "quantile" and program.terms[t].demand.per_unit
+            sampled = row.kind == "quantile" and program.terms[t].demand.nested
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
                 binding.append(_upper_text(program, t, row))
         elif value <= row.lower + TOUCHING:
@@ -289,8 +289,8 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
             f"not convex in the {what}: KKT certifies a local optimum, the spread over starts is all that is known "
             "beyond that"
         )
-    if any(term.demand.per_unit for term in search.terms):
-        return "per-unit risk is not convex in the variances: KKT certifies a local optimum"
+    if any(term.demand.nested for term in search.terms):
+        return "risk per unit or per mounting is not convex in the variances: KKT certifies a local optimum"
     if len({term.demand.requirement.quantile for term in search.terms}) > 1:
         return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"
     sources = [source for term in search.terms for source in (*term.sources, *term.common)]

@@ -22,7 +22,7 @@ from ..geometry.arrays import Array
 from ..losses import search_losses, without_fiducials
 from ..propagation.linear import ErrorModel
 from ..results.verdicts import P95
-from ..system import ArrayLike, Law, System, Way
+from ..system import ArrayLike, Effect, Law, Place, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import column_gradient, law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
@@ -62,12 +62,17 @@ class Correction:
     slopes: Array
 
 
+def is_noise(effect: Effect) -> bool:
+    """Of the effects that act through single images: whether it is noise of them."""
+    return effect.acts_at(Place.IMAGES)
+
+
 def image_parts(model: ErrorModel, error: str) -> ImageParts:
     """What comes through the images by the linear model."""
     noise, made, gains = np.zeros((3, 3)), np.zeros((3, 3)), [np.zeros((0, 3))]
     for block in model.blocks:
         if block.effect.way is Way.IMAGES:
-            (made if block.per_unit else noise)[...] += block.covariance(error)
+            (noise if is_noise(block.effect) else made)[...] += block.covariance(error)
         elif block.effect.way is Way.SHARED:
             gains.append(block.gain(error).T)
     return ImageParts(noise, made, model.imaged_bias_mm(error), np.concatenate(gains))
@@ -105,10 +110,10 @@ class ExactQuantile:
 
 
 def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuantile:
-    """Quantile of the declared law; per unit, the required fraction of units' own quantile (sampled)."""
+    """Quantile of the declared law; nested, the required fraction of units' or mountings' own quantile (sampled)."""
     requirement = demand.requirement
     worst = worst_case(model, requirement.error, requirement.quantile)
-    if not demand.per_unit:
+    if not demand.nested:
         law, _ = declared_law(model, requirement.error, worst.mean_mm)
         quantile = law_quantile(law, requirement.quantile)
         return ExactQuantile(
@@ -128,7 +133,7 @@ def _unit_quantile(
     if stretch is not None:
         gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(requirement.error) for block in model.blocks]
         columns = columns._replace(gain=np.concatenate(gains, axis=1))
-    once = columns.per_unit
+    once = columns.held(demand.level)
     laws = law_of(mean_mm, columns.only(once)), law_of(np.zeros(3), columns.only(~once))
     return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
@@ -156,7 +161,7 @@ def correction_at(
     signs = evaluation.signs if same_ends is None else same_ends
     at_ends = evaluation if same_ends is None else replace(evaluation, signs=same_ends)
     difference = 2 * log(evaluation.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
-    exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, evaluation)
+    exact = (_unit_gradient if terms.demand.nested else _exact_gradient)(problem, terms, choice, evaluation)
     slopes = exact - _closed_gradient(problem, terms, choice, evaluation, signs)
     return Correction(difference - float(slopes @ _what_is_seen(problem, choice, evaluation)), slopes)
 
@@ -204,7 +209,7 @@ def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: 
     triangular ones it is that of a normal law as wide; bounded ones have none (``QuantileConstraint.ends``)."""
     return np.array(
         [
-            2 * (source.std_per_half_width * source.half_width) ** 2 * by_covariance[source.per_unit] @ gain
+            2 * (source.std_per_half_width * source.half_width) ** 2 * by_covariance[source.held] @ gain
             for source, gain in zip(terms.common, evaluation.images.gains, strict=True)
         ]
     ).reshape(-1, 3)
@@ -240,8 +245,9 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     def at(mean_mm: Array, stretch: Mapping[str, Array] | None = None) -> float:
         return _unit_quantile(evaluation.model, terms.demand, mean_mm, stretch).value_mm
 
-    def by_covariance(per_unit: bool) -> Array:
-        blocks = [b for b in evaluation.model.blocks if b.effect.way is not Way.LINK and b.per_unit == per_unit]
+    def by_covariance(held: bool) -> Array:
+        felt = [block for block in evaluation.model.blocks if block.effect.way is not Way.LINK]
+        blocks = [block for block in felt if block.drawn.is_held(terms.demand.level) == held]
         scaled = np.hstack([np.zeros((3, 0)), *(b.columns_mm(error) for b in blocks)])
         names = [block.contributor for block in blocks]
         lengths, axes = np.linalg.eigh(scaled @ scaled.T)
@@ -267,7 +273,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
         by_mean = np.array(
             [ratio(at(evaluation.mean_mm + e), at(evaluation.mean_mm - e)) / (2 * step) for e in step * np.eye(3)]
         )
-    curvature = {per_unit: by_covariance(per_unit) for per_unit in (True, False)}
+    curvature = {held: by_covariance(held) for held in (True, False)}
     widths = np.zeros(len(choice.half_width))
     for k in range(len(widths)):
         factor = np.ones(len(widths))
@@ -350,8 +356,8 @@ def leading_demands(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorMoments:
-    """Mean (3,), covariances (3, 3) of what is drawn once per unit and at each shot, and the displacement (3,) at one
-    end of each source that is not normal, by whether it is drawn once per unit and by its law; mm."""
+    """Mean (3,), covariances (3, 3) of what a unit (or mounting) holds and of what it draws again, and the displacement
+    (3,) at one end of each source that is not normal, by whether it is held and by its law; mm."""
 
     mean: ArrayLike
     unit: ArrayLike
@@ -372,7 +378,7 @@ def error_moments(
     gains = (*terms.gains.at(pivot_shift), *images.gains)
     covariance = {True: images.made, False: images.noise}
     columns: dict[tuple[bool, Law], list[ArrayLike]] = {
-        (per_unit, law): [] for per_unit in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
+        (held, law): [] for held in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
     }
     fixed = {True: np.zeros((3, 3)), False: np.zeros((3, 3))}
     ends = {index: signs[b] for b, index in enumerate(terms.at_ends)}
@@ -386,12 +392,12 @@ def error_moments(
             continue
         if source.free is None and gains[index].dtype != object:  # numbers: add them up as such
             scaled = gains[index] * (source.std_per_half_width * source.half_width)
-            fixed[source.per_unit] += np.outer(scaled, scaled)
+            fixed[source.held] += np.outer(scaled, scaled)
         else:
             variance = (source.std_per_half_width * size) ** 2
-            covariance[source.per_unit] = covariance[source.per_unit] + times(np.outer(gain, gain), variance)
+            covariance[source.held] = covariance[source.held] + times(np.outer(gain, gain), variance)
         if source.law in (Law.UNIFORM, Law.TRIANGULAR):
-            columns[source.per_unit, source.law].append(times(gain, size))
+            columns[source.held, source.law].append(times(gain, size))
     return ErrorMoments(
         mean,
         covariance[True] + plain(fixed[True]),
@@ -403,10 +409,11 @@ def error_moments(
 def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike:
     """The smooth closed form of the limited quantile, squared, mm^2.
 
-    Pooled: of everything together.  Per unit: of each unit's own shots, that of the required fraction of units.
+    Pooled: of everything together.  Nested: of each unit's or mounting's own shots, that of
+    the required fraction of them.
     """
     p, laws = demand.requirement.quantile, (Law.UNIFORM, Law.TRIANGULAR)
-    if demand.per_unit:
+    if demand.nested:
         once = (tuple(law.columns[True, each]) for each in laws)
         return unit_quantile_squared(p, demand.fraction, law.mean, law.unit, law.shot, *once)
     every = ((*law.columns[True, each], *law.columns[False, each]) for each in laws)

@@ -19,12 +19,13 @@ from tailstack.fields import INTERFACES
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..propagation.linear import ErrorModel
+from ..levels import Drawn
+from ..propagation.linear import ErrorModel, effects_of_images
 from ..results import Finding
 from ..results.digits import at_least, at_most
-from ..system import Way
+from ..system import Requirement, System, Way
 from ..verification import UNITS
-from .exact_law import Evaluation, evaluate_demand, exact_quantile
+from .exact_law import Evaluation, evaluate_demand, exact_quantile, is_noise
 from .margin import aim_of, trials_for
 from .prices import part_that_holds
 from .problem import (
@@ -310,6 +311,19 @@ def _put(problem: PlacementProblem, k: int, found: Choice | None) -> str:
     return f": it is {'at its loosest, ' * loosest}{value:.4g} {unit}"
 
 
+def _refuse_drawn_again(system: System, requirement: Requirement, index: int, level: Drawn) -> None:
+    """Manufacture and assumed intrinsics come through the layout as one covariance, of what a unit or mounting holds.
+    Raises DesignError where one of them is drawn again within the level."""
+    for effect in effects_of_images(system):
+        if not is_noise(effect) and not effect.drawn.is_held(level):
+            detail = (
+                f"{requirement.name} is read {requirement.risk.replace('_', ' ')}, and {effect.label} is drawn at each "
+                f"{effect.drawn}: the optimiser takes it for what each {level} keeps"
+            )
+            cure = f"drawn: {level} at {effect.pointer}, or risk: pooled; score and verify take it as it is"
+            raise DesignError(Problem(f"/requirements/{index}/risk", "drawn-again", detail, cure))
+
+
 def refuse_incurable(problem: PlacementProblem) -> None:
     """Targets that a view does not see or the rays do not determine: no layout cures that.  A yield that the check
     could not prove: no design does.
@@ -319,15 +333,16 @@ def refuse_incurable(problem: PlacementProblem) -> None:
     """
     for index, requirement in enumerate(problem.system.requirements):
         provable = ((1 - requirement.confidence) / 2) ** (1 / UNITS)  # lower limit when every unit meets the limit
-        if requirement in problem.requirements and requirement.risk == "per_unit":
+        if requirement in problem.requirements and (level := requirement.level) is not None:
+            _refuse_drawn_again(problem.system, requirement, index, level)
             wanted = requirement.units_fraction or 0.0
             if wanted >= provable:
                 raise DesignError(
                     Problem(
                         f"/requirements/{index}/min_yield",
                         "yield-beyond-check",
-                        f"a yield of {100 * wanted:g} % cannot be verified: the check draws {UNITS} units, and even "
-                        f"if all of them meet the limit that proves {100 * provable:.2f} % at "
+                        f"a yield of {100 * wanted:g} % cannot be verified: the check draws {UNITS} {level.plural}, "
+                        f"and even if all of them meet the limit that proves {100 * provable:.2f} % at "
                         f"{100 * requirement.confidence:g} % confidence",
                         f"min_yield: {np.floor(1e3 * (provable - 1e-3)) / 1e3:g} or less",
                     )

@@ -30,6 +30,6 @@ def aim_of(exact: Evaluation, demand: QuantileConstraint, trials: int) -> float:
     if exact.density <= 0:
         return 1.0
     requirement = demand.requirement
-    p, n = (demand.fraction, UNITS) if demand.per_unit else (requirement.quantile, trials)
+    p, n = (demand.fraction, UNITS) if demand.nested else (requirement.quantile, trials)
     z = NormalDist().inv_cdf((1 + requirement.confidence) / 2)
     return max(1 - MARGIN * z * sqrt(p * (1 - p) / n) / (exact.density * exact.exact_mm), 0.5)

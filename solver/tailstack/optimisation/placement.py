@@ -131,13 +131,13 @@ def _has_arrived(program: Program, point: Point, evaluations: list[Evaluation], 
 
 def _window(program: Program, evaluations: list[Evaluation]) -> float:
     """Relative width of the window below an aim: no narrower than the exact law is known."""
-    if any(term.demand.per_unit for term in program.terms):
+    if any(term.demand.nested for term in program.terms):
         return SAMPLED_AT_AIM
     return max(AT_AIM, KNOWN * max(item.relative_error for item in evaluations))
 
 
 def _stationary(program: Program) -> float:
-    sampled = any(term.demand.per_unit for term in program.terms)
+    sampled = any(term.demand.nested for term in program.terms)
     return SAMPLED_STATIONARY if sampled else STATIONARY
 
 

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from ..geometry.arrays import Array, frozen
+from ..levels import Drawn
 from ..measures import MEASURE, POINTS
 from ..measures.measure import Measure, Site
 from ..propagation.columns import Imaging
@@ -87,11 +88,11 @@ class QuantileConstraint:
     @property
     def text(self) -> str:
         of = "" if self.is_point else f" of {self.measure.words}"
-        per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
+        nested = f" of {100 * self.fraction:g} % of {self.level.plural}" if self.nested else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
         signs = "".join("+" if end > 0 else "-" for end in self.ends)
         at = f", bounded errors of images at {signs}" if signs else ""
-        return f"P{100 * self.requirement.quantile:g}{of}{per_unit} at target {self.site.name!r}{without}{at}"
+        return f"P{100 * self.requirement.quantile:g}{of}{nested} at target {self.site.name!r}{without}{at}"
 
     @property
     def measure(self) -> Measure:
@@ -109,12 +110,18 @@ class QuantileConstraint:
         return f"{self.requirement.limit:g} {self.measure.unit}"
 
     @property
-    def per_unit(self) -> bool:
-        return self.requirement.risk == "per_unit"
+    def nested(self) -> bool:
+        """Whether each unit, or each mounting, is read by itself."""
+        return self.requirement.level is not None
+
+    @property
+    def level(self) -> Drawn:
+        """What is read by itself; of pooled demands, which ask for no level, a unit."""
+        return self.requirement.level or Drawn.UNIT
 
     @property
     def fraction(self) -> float:
-        """Per unit: the fraction of units whose own quantile must meet the limit."""
+        """Nested: the fraction of units, or of mountings, whose own quantile must meet the limit."""
         return self.requirement.units_fraction or self.requirement.quantile
 
 

@@ -188,7 +188,7 @@ def find_p95_mm(design: Design) -> float | None:
 def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     limits = ", ".join(
         f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
-        + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
+        + (f" of each of {100 * item.min_yield:g} % of {item.level.plural}" if item.level and item.min_yield else "")
         + f" within {item.limit:g} {MEASURE[item.error].unit}"
         for item in problem.requirements
     )

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
+from ..levels import Drawn
 from ..propagation.columns import gains_of_images, shift_together
 from ..propagation.linear import (
     Block,
@@ -97,7 +98,7 @@ class SourceTerm:
     half_width: float  # native unit; read only where free is None
     std_per_half_width: float
     free: int | None  # index of the free half-width
-    per_unit: bool
+    held: bool  # throughout what the demand reads by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,8 +185,8 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
         reconstructed=reconstructed,
         bias=bias,
         gains=gains,
-        sources=_sources(problem, base.model, _is_constant),
-        common=_sources(problem, base.model, _is_common),
+        sources=_sources(problem, base.model, demand.level, _is_constant),
+        common=_sources(problem, base.model, demand.level, _is_common),
         vertex=np.concatenate([np.zeros(0), *vertices_of(base.free, demand.ends)]),
         to_error=weigh(demand, [np.vstack([point.tcp_from_localisation, np.eye(3)]) for point in base.points]),
         flange_to_error=weigh(demand, [np.vstack([point.tcp_from_flange, np.zeros((3, 3))]) for point in base.points]),
@@ -286,7 +287,9 @@ def _is_common(block: Block) -> bool:
     return block.effect.way is Way.SHARED
 
 
-def _sources(problem: PlacementProblem, model: ErrorModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
+def _sources(
+    problem: PlacementProblem, model: ErrorModel, level: Drawn, wanted: Callable[[Block], bool]
+) -> tuple[SourceTerm, ...]:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     laws = free_laws(problem)
     sources = []
@@ -297,7 +300,7 @@ def _sources(problem: PlacementProblem, model: ErrorModel, wanted: Callable[[Blo
             k = free.get((block.contributor, name))
             half_width, std = float(block.half_width[j]), float(block.std[j])
             per = laws[k][1] if k is not None else (std / half_width if half_width > 0 else 0.0)
-            sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.per_unit))
+            sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.drawn.is_held(level)))
     return tuple(sources)
 
 
@@ -318,7 +321,7 @@ class ImageParts(NamedTuple):
     """What comes through the images and depends on the layout, of one error and in its frame: floats or symbols."""
 
     noise: ArrayLike  # (3, 3) mm^2, covariance of image noise
-    made: ArrayLike  # (3, 3) mm^2, of manufacturing errors and assumed intrinsics, which are drawn once per unit
+    made: ArrayLike  # (3, 3) mm^2, of manufacturing errors and assumed intrinsics, which each unit or mounting holds
     shift: ArrayLike  # (3,) mm, known
     gains: ArrayLike  # (C, 3) mm per native unit of each of ``DemandTerms.common``
 

@@ -17,9 +17,10 @@ from ..errors import IllPosedError, Problem
 from ..estimation.least_squares import precisions
 from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, displacement
+from ..levels import Drawn
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
-from ..system import ArrayLike, Drawn, Effect, Law, Place, Reading, System, Target, Way
+from ..system import ArrayLike, Effect, Law, Place, Reading, System, Target, Way
 from .columns import Imaging, gains_of_images, shift_together
 from .noise import Estimation
 from .nonlinearity import (
@@ -98,9 +99,9 @@ class Block(NamedTuple):
         return self.effect.is_grouped
 
     @property
-    def per_unit(self) -> bool:
-        """Whether it is drawn once per installed unit, not at each shot."""
-        return self.effect.drawn is Drawn.UNIT
+    def drawn(self) -> Drawn:
+        """How often."""
+        return self.effect.drawn
 
     def with_half_widths(self, half_width: Array) -> Block:
         """The same of sources with other half-widths (k,)."""

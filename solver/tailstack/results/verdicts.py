@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, NamedTuple, TypeVar
 
+from ..levels import Drawn, level_of
 from ..measures import MEASURE
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
@@ -54,11 +55,12 @@ class Check:
     error: str
     """Which measure is limited: tcp (error at the tool), localisation (of the target, in con)."""
     risk: str
-    """pooled: over installations and shots together; per_unit: of each unit by itself."""
+    """pooled: over installations and shots together; per_unit, per_mounting: of each unit, each mounting, by itself."""
     quantile: float
     """Quantile of the error's norm that is limited, 0.95 for P95."""
     value: float
-    """What decides. pooled: the quantile; per_unit: what `min_yield` of units keep their own quantile within."""
+    """What decides. pooled: the quantile; per_unit: what `min_yield` of units keep their own
+    quantile within; per_mounting: of mountings."""
     interval: tuple[float, float | None]
     """Its ends. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A null upper end:
     not known, as first order is not valid.
@@ -66,9 +68,9 @@ class Check:
     limit: float
     """Limit of the requirement."""
     yield_fraction: float | None
-    """per_unit: fraction of units whose own quantile is within the limit; null for pooled."""
+    """Fraction of units, or of mountings, whose own quantile is within the limit; null for pooled."""
     min_yield: float | None
-    """per_unit: fraction of units that must keep the limit; null for pooled."""
+    """Fraction of units, or of mountings, that must keep the limit; null for pooled."""
     status: Literal["pass", "fail", "inconclusive"]
     """pass: the upper end of the interval is within the limit; fail: the lower end is beyond; otherwise inconclusive.
     """
@@ -91,7 +93,8 @@ class Check:
         high = self.interval[1]
         object.__setattr__(self, "unit", MEASURE[self.error].unit)
         object.__setattr__(self, "words", MEASURE[self.error].words)
-        object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield, missed=self.missed))
+        headline = headline_of(self.quantile, self.min_yield, missed=self.missed, risk=self.risk)
+        object.__setattr__(self, "headline", headline)
         object.__setattr__(self, "margin", None if high is None else self.limit - high)
 
     @property
@@ -133,11 +136,22 @@ MISSED = "missed fiducials included"  # of what is over all shots of a design th
 ERRORS = {name: measure.words for name, measure in MEASURE.items()}  # as people say it
 
 
-def headline_of(quantile: float, min_yield: float | None, of: str = "", *, missed: bool = False) -> str:
+def name_all(risk: str) -> str:
+    """What is read by itself, many of them: installed units, mountings."""
+    return (level_of(risk) or Drawn.UNIT).all_of_them
+
+
+def _plural(risk: str) -> str:
+    return (level_of(risk) or Drawn.UNIT).plural
+
+
+def headline_of(
+    quantile: float, min_yield: float | None, of: str = "", *, missed: bool = False, risk: str = "per_unit"
+) -> str:
     """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named; missed: of all
-    shots, those that miss fiducials among them."""
+    shots, those that miss fiducials among them; risk: of what, where a yield is required."""
     whose = f" of {of}" if of else ""
-    units = "" if min_yield is None else f" that {100 * min_yield:.6g} % of units keep"
+    units = "" if min_yield is None else f" that {100 * min_yield:.6g} % of {_plural(risk)} keep"
     return f"P{100 * quantile:.6g}{whose}{units}" + (f" ({MISSED})" if missed else "")
 
 
@@ -320,14 +334,16 @@ def _describe(check: Check) -> str:
     if check.min_yield is None:
         shots += "shots"
     else:
-        shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
+        shots = f"{100 * check.min_yield:.6g} % of {name_all(check.risk)}, in {shots}their own shots"
     shots += f", {MISSED}" if check.missed else ""
     low, high = check.interval
     ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     limit = f"the limit of {check.limit:g} {check.unit}"
     held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
     where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
-    units = "" if check.yield_fraction is None else f"; {in_percent(check.yield_fraction, 1)} of units keep it"
+    units = ""
+    if check.yield_fraction is not None:
+        units = f"; {in_percent(check.yield_fraction, 1)} of {_plural(check.risk)} keep it"
     return (
         f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
         f"{length(check.value, decimals)} {check.unit} (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
@@ -361,11 +377,11 @@ class Judged(NamedTuple):
 
 def what_is_limited(check: Check) -> str:
     """The quantile and of which error, in words."""
-    return headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
+    return headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed, risk=check.risk)
 
 
 def _limited_briefly(check: Check) -> str:
-    units = "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of units"
+    units = "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of {_plural(check.risk)}"
     return f"P{100 * check.quantile:.6g}{MEASURE[check.error].brief}{units}"
 
 
@@ -374,8 +390,10 @@ def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
     decimals, units = decimals_of(checks), {check.unit for check in checks}
     unit = units.pop() if len(units) == 1 else ""
     own = () if unit else (Column("Unit", of=lambda row: row.check.unit),)
+    risks = {check.risk for check in checks} - {"pooled"}
+    keepers = _plural(risks.pop()) if len(risks) == 1 else "kept"
     of_units: tuple[Column, ...] = (
-        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=lambda row: row.check.yield_fraction),
+        Column("Yield", "%", "percent", 2, IN_DETAIL, f"{keepers}\nwithin, %", of=lambda row: row.check.yield_fraction),
         Column("Required", "%", "percent", 2, PAPER, of=lambda row: row.check.min_yield),
     )
     return (

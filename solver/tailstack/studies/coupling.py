@@ -24,6 +24,7 @@ from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyE
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
+from ..levels import Drawn
 from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, compile_plan
@@ -197,7 +198,7 @@ def study_coupling(
     cases = [
         case for reading in Reading for case in list_cases(replace(system, reading=reading), nominal, levels, error)
     ]
-    at_rest = compile_plan(nominal)
+    at_rest = compile_plan(nominal, held=Drawn.MOUNTING)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
@@ -221,8 +222,8 @@ def study_coupling(
         trials=size * SECTIONS,
         confidence=CONFIDENCE,
         interval_method=METHOD,
-        installation=name_sources(models[system.targets[0].name], per_unit=True),
-        noise=name_sources(models[system.targets[0].name], per_unit=False),
+        installation=name_sources(models[system.targets[0].name], held=True),
+        noise=name_sources(models[system.targets[0].name], held=False),
         cases=tuple(records),
         conclusions=(*write_conclusions(records), *(case.remark for case in cases if case.remark)),
         validity=ready.trust,
@@ -249,7 +250,7 @@ def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: PointError
     norms = np.linalg.norm(evaluate(at_rest, z)[:, :, POINT_ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
         columns = columns_of(model, error)
-        quiet = law_of(np.zeros(3), columns.only(~columns.per_unit))
+        quiet = law_of(np.zeros(3), columns.only(~columns.held(Drawn.MOUNTING)))
         ratio = take_quantile(sample, P95) / law_quantile(quiet, P95).quantile_mm
         if not 1 / FAILS < ratio < FAILS:
             return True
@@ -415,10 +416,10 @@ class _FirstOrder:
 
 def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
-    once = at.columns.per_unit
+    once = at.columns.held(Drawn.MOUNTING)
     shot, mounted = at.columns.only(~once), at.columns.only(once & (case.level is None))
     at_rest = columns_of(still, error)
-    quiet = at_rest.only(~at_rest.per_unit)
+    quiet = at_rest.only(~at_rest.held(Drawn.MOUNTING))
     # Of a level only the interface's own displacement counts, and bounded components stand at their centres.
     mean = at.worst.mean_mm if case.level is None else model.bias_mm(error)
     zero = np.zeros(3)
@@ -434,7 +435,8 @@ def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, err
 
 def noise_variance(model: LinearModel) -> float:
     """mm^2: trace of the covariance that the noise, all that is drawn at each shot, gives the localisation error."""
-    return sum(float((block.columns_mm("localisation") ** 2).sum()) for block in model.blocks if not block.per_unit)
+    noise = (block for block in model.blocks if block.drawn is Drawn.SHOT)
+    return sum(float((block.columns_mm("localisation") ** 2).sum()) for block in noise)
 
 
 Level = tuple[float, float]  # degrees about each axis, mm along (1, 1, 1)
@@ -479,13 +481,13 @@ def remove_biases(system: System) -> System:
     return replace(put_links(system, links), effects=effects)
 
 
-def name_sources(model: LinearModel, *, per_unit: bool) -> str:
-    """What counts as installation error (drawn once per unit, and all that is known) or as noise, in words."""
-    words = ["all that is known"] if per_unit else []
-    for block in model.blocks:
-        if block.per_unit == per_unit:
-            words.append(block.effect.words)
-    return "; ".join(dict.fromkeys(words)) + (": drawn once per unit" if per_unit else ": drawn at each shot")
+def name_sources(model: LinearModel, *, held: bool) -> str:
+    """What counts as installation error (held from shot to shot, and all that is known) or as noise, in words."""
+    own = [block for block in model.blocks if (block.drawn is not Drawn.SHOT) == held]
+    words = [*(["all that is known"] if held else []), *(block.effect.words for block in own)]
+    levels = [level for level in Drawn if level in {block.drawn for block in own}] or [Drawn.UNIT]
+    drawn = " or ".join(f"once per {level}" for level in levels) if held else "at each shot"
+    return "; ".join(dict.fromkeys(words)) + f": drawn {drawn}"
 
 
 def list_cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[InstallationCase]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tailstack.geometry.arrays import Array
+from tailstack.levels import Drawn
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
 from tailstack.montecarlo.radial import RadialEstimate
@@ -75,9 +76,10 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
             spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
         )
         return canonical(radial_estimate(ready, wanted)._asdict())
-    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if spec["what"] == "units" else 1)
-    if spec["what"] == "units":
-        units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"])
+    level = Drawn(spec.get("level", Drawn.UNIT)) if spec["what"] == "units" else None
+    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if level else 1, level)
+    if level:
+        units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"], level=level)
         return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
     return shard_to_bytes(
         compute_shard(TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, ready.limits))
@@ -112,8 +114,9 @@ def prepare_model(design: bytes) -> PreparedDesign:
 
 
 @lru_cache(maxsize=8)
-def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> ChainPlan:
-    return compile_plan(prepare_model(design).system, vertex=np.array(vertex), shots_per_unit=shots_per_unit)
+def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int, held: Drawn | None) -> ChainPlan:
+    system = prepare_model(design).system
+    return compile_plan(system, vertex=np.array(vertex), shots_per_unit=shots_per_unit, held=held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +136,8 @@ class RecordedSampler:
 
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
         count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
-        asked = _asked("units", wanted.plan.vertex, wanted)
+        level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
+        asked = _asked("units", wanted.plan.vertex, wanted) | level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
         if not all(spec in self.held for spec in specs):
             self._pending(specs)

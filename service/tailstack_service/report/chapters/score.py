@@ -335,7 +335,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
     tightest = max(score.verdict.checks, key=lambda check: check.value / check.limit, default=None)
     if tightest is not None:
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
-        what = headline_words(tightest.quantile, tightest.min_yield, error)
+        what = headline_words(tightest.quantile, tightest.min_yield, error, risk=tightest.risk)
         sentences.append(
             f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
             f"{length(tightest.value, decimals)} {tightest.unit} against {tightest.limit:g} {tightest.unit}."

@@ -104,7 +104,7 @@ class Contribution:
 
 def _list_shares(model: LinearModel, error: str, instrument_sd_mm: float) -> list[Contribution]:
     """Every contributor; the noise of all images counts as one beside that of each."""
-    shares = [Contribution(b.contributor, b.label, draw_time(b), b.covariance(error)) for b in model.blocks]
+    shares = [Contribution(b.contributor, b.label, draw_time(b.effect), b.covariance(error)) for b in model.blocks]
     noises = {block.contributor for block in model.blocks if block.is_grouped and block.effect.acts_at(Place.IMAGES)}
     seen = [share.covariance for share in shares if share.name in noises]
     if len(seen) > 1:
@@ -212,8 +212,9 @@ def _list_displacements(bench: Bench, error: str) -> Iterator[MountComponent]:
             own, k = declared.get((block.contributor, component), (None, 0))
             scaled = np.zeros(3) if own is None else own.gain(error)[:, k] * own.std[k]
             half = None if own is None else float(own.half_width[k])
+            drawn_with = draw_time(block.effect)
             yield MountComponent(
-                block.contributor, block.label, component, unit, gain, half, np.outer(scaled, scaled), draw_time(block)
+                block.contributor, block.label, component, unit, gain, half, np.outer(scaled, scaled), drawn_with
             )
 
 

@@ -18,15 +18,15 @@ from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
 from ...estimation.checks import check_geometry
 from ...geometry.arrays import Array
 from ...kernels.process import usable_cores
+from ...levels import Drawn
 from ...measures import POINT_ERRORS, PointError
 from ...montecarlo.chain import draw, evaluate, standard_normals
 from ...montecarlo.plan import ChainPlan, compile_plan
-from ...montecarlo.tables import INSTALLATION
 from ...people_tables import quote as shown
-from ...propagation.linear import Block, LinearModel, linearise
+from ...propagation.linear import LinearModel, linearise
 from ...results import Interval, Vector3
 from ...scoring import vector3
-from ...system import Law, System
+from ...system import Effect, Law, System
 from .file import Group, Measurements, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
@@ -509,9 +509,11 @@ def share_draws(plan: ChainPlan, z: Array, sizes: Sequence[int]) -> Array:
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     bench: NDArray[np.int64] = np.arange(len(z)) // trials * trials
     installation = bench + np.tile(np.repeat(starts, sizes), len(z) // trials)
+    system = plan.system
+    owners = {"unit": bench, "installation": installation}
+    drawn = {effect.name: draw_time(effect) for effect in (*system.links, *system.effects, *system.errors_of_points)}
     for block in plan.blocks:
-        if block.stream == INSTALLATION:
-            owner = installation if block.name in INTERFACES else bench
+        if (owner := owners.get(drawn[block.name])) is not None:
             z[:, block.start : block.stop] = z[owner, block.start : block.stop]
     return z
 
@@ -520,19 +522,19 @@ def expect(model: LinearModel, error: str, instrument_sd_mm: float) -> Expected:
     """Mean and covariances to first order.  Raises OutOfRangeError where nothing varies from shot to shot."""
     parts = {"unit": np.zeros((3, 3)), "installation": np.zeros((3, 3)), "shot": instrument_sd_mm**2 * np.eye(3)}
     for block in model.blocks:
-        parts[draw_time(block)] += block.covariance(error)
+        parts[draw_time(block.effect)] += block.covariance(error)
     if not np.linalg.eigvalsh(parts["shot"])[0] > 1e-12:
         detail = f"the design predicts no spread of the {error} error from trial to trial in some direction"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state the noise of the views, or --instrument-sd"))
     return Expected(model.bias_mm(error), parts["unit"], parts["installation"], parts["shot"])
 
 
-def draw_time(block: Block) -> str:
-    """What a contributor is drawn with: the bench as a whole ("unit"), an "installation", a "shot".
+def draw_time(effect: Effect) -> str:
+    """What an effect is drawn with: the bench as a whole ("unit"), an "installation", a "shot".
 
     An installation mounts the structure and the connector anew; whatever else stays with a unit is the structure, the
     C-arm or the robot of the bench, and stays with it.
     """
-    if not block.per_unit:
+    if effect.drawn is Drawn.SHOT:
         return "shot"
-    return "installation" if block.contributor in INTERFACES else "unit"
+    return "installation" if effect.drawn is Drawn.MOUNTING or effect.name in INTERFACES else "unit"
