@@ -117,6 +117,10 @@ def changed(**fields: Any) -> dict[str, Any]:
             "/requirements/0/limit_mm", "limit raised from 1.4 to 50 mm",
         ),
         (
+            changed(risk="per_unit", min_yield=0.9), [changed(risk="per_mounting", min_yield=0.9)],
+            "/requirements/0/risk", "it is read per_mounting, and was read per_unit",
+        ),
+        (
             PROMISE, [changed(limit_mm=50.0), changed(name="decoy", error="localisation")],
             "/requirements/0/limit_mm", "limit raised from 1.4 to 50 mm",
         ),

@@ -134,11 +134,11 @@ def test_what_is_known_counts_once(scene: System) -> None:
 
 def test_every_source_is_named_as_installation_or_as_noise(scene: System) -> None:
     model = linearise(scene, scene.targets[0])
-    once, again = (name_sources(model, per_unit=per_unit) for per_unit in (True, False))
+    once, again = (name_sources(model, held=held) for held in (True, False))
     for block in model.blocks:
         kind = block.contributor.split(":")[0].replace("_", " ")
-        assert (kind in once) == block.per_unit
-        assert (kind in again) != block.per_unit
+        assert (kind in once) == (block.drawn is Drawn.UNIT)
+        assert (kind in again) != (block.drawn is Drawn.UNIT)
     assert "all that is known" in once
 
 
@@ -177,15 +177,15 @@ def test_only_what_is_mounted_anew_is_drawn_at_each_installation(scene: System) 
     z = share_draws(plan, draw(plan, 5, np.arange(12)), (2, 4, 6))
     model = linearise(scene, scene.targets[0])
     for block in model.blocks:
-        wanted = 12 if not block.per_unit else 3 if block.contributor in INTERFACES else 1
+        wanted = 12 if block.drawn is Drawn.SHOT else 3 if block.contributor in INTERFACES else 1
         columns = z[:, plan.columns_of(block.contributor)]
         assert len(np.unique(columns, axis=0)) == wanted, block.contributor
-        assert draw_time(block) == {12: "shot", 3: "installation", 1: "unit"}[wanted]
+        assert draw_time(block.effect) == {12: "shot", 3: "installation", 1: "unit"}[wanted]
 
 
 def test_the_page_of_conventions_says_how_often_each_source_is_drawn(scene: System) -> None:
     text = " ".join(CONVENTIONS.read_text(encoding="utf-8").split())
-    said = re.search(r"draws the installation \((.*?)\) once per unit; (.*?) are drawn at each shot", text)
+    said = re.search(r"\*\*Drawn\*\* once per unit: (.*?)\. At each shot: (.*?)\.", text)
     assert said is not None
     drawn = [block for block in linearise(scene, scene.targets[0]).blocks if block.laws]
     lists = {Drawn.UNIT: said[1], Drawn.SHOT: said[2]}

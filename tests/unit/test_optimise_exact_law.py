@@ -23,6 +23,7 @@ from optimise_scenes import (
 from scenes import cube_fiducials, mount, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
+from tailstack.levels import Drawn
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import Evaluation, closed_form_at, correction_at, evaluate_demand
 from tailstack.optimisation.placement import PlacementSolution, settle
@@ -213,10 +214,18 @@ def test_no_feasible_neighbour_of_an_optimum_is_better(name: str) -> None:
         )
 
 
-def test_a_per_unit_quantile_is_brought_to_its_limit() -> None:
-    """independent: the score's own per-unit quantile and yield at the solution (the same sample of units)."""
-    wanted = requirement(0.6, risk="per_unit")
+def clipped_on(problem: PlacementProblem) -> PlacementProblem:
+    """The structure mounted anew for each procedure."""
+    seat = replace(problem.system.structure_connector, drawn=Drawn.MOUNTING)
+    return replace(problem, system=replace(problem.system, structure_connector=seat))
+
+
+@pytest.mark.parametrize("risk", ["per_unit", "per_mounting"])
+def test_what_units_and_mountings_keep_is_brought_to_its_limit(risk: str) -> None:
+    """independent: the score's own quantile and yield at the solution (the same sample of units)."""
+    wanted = requirement(0.6, risk=risk)
     problem = replace(fixed_layout(oracle_problem(8, 0.6), cube_fiducials()), requirements=(wanted,))
+    problem = clipped_on(problem) if risk == "per_mounting" else problem
     solution = solve_placement(problem)
     (quantile,) = score_mm(problem, solution.choice)
     assert 0.6 * (1 - 1e-3) <= quantile <= 0.6 * (1 + 1e-9)
@@ -225,9 +234,10 @@ def test_a_per_unit_quantile_is_brought_to_its_limit() -> None:
     assert solution.cost > pooled.cost
 
 
-def test_the_slopes_of_a_per_unit_quantile_tell_what_a_shot_draws_from_what_a_unit_keeps() -> None:
+@pytest.mark.parametrize("risk", ["per_unit", "per_mounting"])
+def test_the_slopes_of_a_per_unit_quantile_tell_what_a_shot_draws_from_what_a_unit_keeps(risk: str) -> None:
     """independent: differences of the quantile itself where the noise of the images alone is scaled."""
-    problem = replace(oracle_problem(8, law=Law.NORMAL), requirements=(requirement(0.6, risk="per_unit"),))
+    problem = replace(clipped_on(oracle_problem(8, law=Law.NORMAL)), requirements=(requirement(0.6, risk=risk),))
     made = np.full((8, 3), 0.15)  # once in a unit, where noise is drawn by each shot
     problem = replace(problem, system=replace(problem.system, manufacturing_half_width_mm=made))
     (terms,), choice = (terms_of(problem, demand) for demand in problem.demands), present_choice(problem)

@@ -522,7 +522,8 @@ SLOW: dict[str, Data] = {
     "limit-out-of-reach, placement alone": document(8, 0.3, box=BOX, min_spacing_mm=12.0, objective="quantile"),
     "cost-out-of-reach": spending(100.0, box=BOX, min_spacing_mm=12.0),
 }
-WORDS = {"outside-view", "outside-symmetry", "kept-out", "does-not-fit"}  # hints that name a shape, not a number
+# Hints that name a shape or a level, not a number.
+WORDS = {"outside-view", "outside-symmetry", "kept-out", "does-not-fit", "drawn-again"}
 # As many as a programme holds; a version of a package.
 ELSEWHERE = {"too-many", "missing-solver"}
 
