@@ -84,7 +84,7 @@ from .verdict import conclude
 
 BLOCK = 1024  # rows that are computed in one go
 OF_TARGETS = ("p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm")
-OF_REQUIREMENTS = ("value",)  # the quantile that a requirement limits, at each of its targets
+OF_REQUIREMENTS = ("value",)  # the statistic that a requirement limits, at each of its targets
 OF_DESIGNS = ("within_limits", "verdict")
 COLUMNS = (*OF_TARGETS, *OF_REQUIREMENTS, *OF_DESIGNS)
 DEFAULT_COLUMNS = ("p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits")
@@ -158,7 +158,7 @@ def score_batch(
 
     table: (n,) numbers by path, ``{"views.*.fiducial_noise_px": [...]}`` or a JSON pointer, in the unit of the field;
     a DataFrame of pandas or polars will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of
-    each target; value, the quantile that each requirement limits; within_limits, whether all of these are; verdict,
+    each target; value, the statistic that each requirement limits; within_limits, whether all of these are; verdict,
     which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the answer does
     not depend on them.
     ``progress(done, total)`` after each block.
@@ -322,6 +322,8 @@ class Batch:
                 reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
         if system.loss_probability:
             reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
+        if not all(item.is_quantile for item in system.requirements) and not _ASK.isdisjoint(self.columns):
+            reasons.append("a requirement on what is no quantile is judged row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)

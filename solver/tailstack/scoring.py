@@ -54,7 +54,7 @@ from .results import (
 from .results.verdicts import MISSED, P95
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
-from .tail.declared import LawSummary, law_quantile, law_summary
+from .tail.declared import LawSummary, law_exceedance, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk, unit_risk
 from .verdict import conclude, judge
@@ -161,6 +161,8 @@ def _losses(
     whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
     for item in system.requirements or (whole,):
+        if not item.is_quantile:  # what is lost is looked for by it
+            continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
             values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
@@ -414,6 +416,8 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     trust: of shots in which no fiducial is missed.
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
+    if not requirement.is_quantile:
+        return _check_statistic(requirement, target, trust, error)
     met, why = None, ""
     level = requirement.level or Drawn.UNIT
     if fraction is not None:
@@ -435,6 +439,31 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
 
+def _check_statistic(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:
+    """A requirement on what is no quantile; where fiducials are missed, its value is that of all shots.
+
+    The interval is that of errors which are by so much smaller or larger as first order may err.
+    """
+    p, limit, row, measure = requirement.quantile, requirement.limit, requirement.row, MEASURE[requirement.error]
+    law, shots = error.law_at(p).law, error.shots(p)
+    assert row.of_law is not None  # or it would be a quantile
+    value = row.of_law(law_summary(law, p, limit) if shots is None else shots.law.summary(p, limit))
+    assert value is not None
+    why = ""
+    if not (measure.calibrated and row.calibrated):
+        why = f"what first order errs by in the {row.name} of {measure.words} was not calibrated"
+    elif shots is not None:
+        why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
+    percent = error_percent(trust, row.trusted_as(p))
+    if why or isinf(percent):
+        return judge(requirement, target, value, OPEN, missed=shots is not None, open_because=why)
+    times = 1 + percent / 100
+    ends = (value / times, value * times)
+    if row.unit:
+        ends = (law_exceedance(law, limit * times), law_exceedance(law, limit / times))
+    return judge(requirement, target, value, ends)
+
+
 def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
     """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
     percent = error_percent(trust, quantile)
@@ -444,8 +473,9 @@ def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
 
 
 def tightest_limit(system: System, target: str, error: str) -> float | None:
-    """Smallest limit that a requirement sets on this error at this target, all units together, mm."""
-    limits = [r.limit for r in _list_requirements(system, target, error) if r.risk == "pooled"]
+    """Smallest limit that a requirement sets on single errors of this kind at this target, all units together, mm."""
+    stated = _list_requirements(system, target, error)
+    limits = [r.limit for r in stated if r.risk == "pooled" and r.row.by_quantile]
     return min(limits) if limits else None
 
 

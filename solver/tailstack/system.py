@@ -22,6 +22,7 @@ from .geometry.arrays import Array, frozen
 from .geometry.rotation import RotationForm
 from .levels import Drawn, level_of
 from .measures import Metric, derived_at, metrics_at
+from .statistic import STATISTIC, Statistic
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -462,21 +463,33 @@ class Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Requirement:
-    """A limit on a quantile of an error's norm."""
+    """A limit on a quantile of an error's norm, or on another statistic of it."""
 
     name: str  # as in the design
     error: str  # name of the measure
-    quantile: float  # 0.95 for P95
-    limit: float  # what the quantile must not exceed, in the unit of the measure
+    quantile: float  # 0.95 for P95; of the largest of n shots, that of one; of a probability, 1 less what is allowed
+    limit: float  # what the statistic must not exceed, or too many errors, in the unit of the measure
     confidence: float  # two-sided confidence of the interval the verdict is taken from
     targets: tuple[str, ...]  # names of targets, or of the sites of a measure that joins several
     risk: str = "pooled"  # one of ``levels.RISKS``
     min_yield: float | None = None  # required fraction of installed units, or of mountings; pooled: none
+    statistic: str = "quantile"  # name of a row of ``STATISTICS``
+    n: int | None = None  # max_of_n: of so many shots
+    limit_probability: float | None = None  # probability: of errors beyond the limit, what is allowed
 
     @property
     def level(self) -> Drawn | None:
         """What is read by itself; pooled: none."""
         return level_of(self.risk)
+
+    @property
+    def row(self) -> Statistic:
+        return STATISTIC[self.statistic]
+
+    @property
+    def is_quantile(self) -> bool:
+        """Whether what is told is a quantile of the pooled law itself."""
+        return self.row.of_law is None
 
     @property
     def units_fraction(self) -> float | None:

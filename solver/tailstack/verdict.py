@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Literal
 
 from .levels import level_of
-from .results import ERRORS, Check, Finding, Interval, Verdict, headline_of
+from .results import ERRORS, Check, Finding, Interval, Verdict
 from .results.digits import decimals_of, in_percent, length
 from .results.verdicts import name_all, name_basis
 from .system import Requirement
@@ -38,6 +38,8 @@ def judge(
     keep their own quantile within; ``yield_fraction`` of units keep the limit.
     """
     low, high = interval
+    allowed = requirement.limit_probability  # of errors beyond the limit
+    limit = requirement.limit if allowed is None else allowed
     return Check(
         requirement=requirement.name,
         target=target,
@@ -46,12 +48,15 @@ def judge(
         quantile=requirement.quantile,
         value=value,
         interval=(low, high if isfinite(high) else None),
-        limit=requirement.limit,
+        limit=limit,
         yield_fraction=yield_fraction,
         min_yield=requirement.units_fraction,
-        status=decide(interval, requirement.limit),
+        status=decide(interval, limit),
         missed=missed,
         open_because=open_because,
+        statistic=requirement.statistic,
+        n=requirement.n,
+        beyond=None if allowed is None else requirement.limit,
     )
 
 
@@ -78,7 +83,7 @@ def _finding(check: Check, basis: str) -> Finding:
         if high is not None
         else "(no upper end is known)"
     )
-    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed, risk=check.risk)
+    value = check.name_value(ERRORS[check.error])
     what = (
         f"{value} is {length(check.value, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
         f"limit {check.limit:g} {check.unit}"

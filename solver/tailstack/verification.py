@@ -28,6 +28,7 @@ from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
 from .montecarlo.chain import measure_errors, norms_of, run_indices
 from .montecarlo.estimators import (
     QuantileEstimate,
+    TrialsOfError,
     between_ranks,
     cvar_estimate,
     cvar_interval,
@@ -212,7 +213,7 @@ class PreparedDesign:
     def quantiles(self) -> list[tuple[str, str, float]]:
         """(target, error, quantile) of everything that is told or limited."""
         wanted = {(name, error, P95) for name, error in self.vertices}
-        wanted |= {(n, r.error, r.quantile) for r in self.system.requirements for n in r.targets}
+        wanted |= {(n, r.error, r.quantile) for r in self.system.requirements if r.is_quantile for n in r.targets}
         return sorted(wanted)
 
 
@@ -350,6 +351,7 @@ class SampledDesign:
     stopping: str
     precision_reached: float
     quantiles: Quantiles  # that were found otherwise than from ``confidence_level``
+    look_level: float | None = None  # of the interval that a requirement is judged by; None: ``confidence_level``
 
 
 Quantiles = dict[tuple[str, str, float], QuantileEstimate]  # by target, error and quantile
@@ -437,7 +439,7 @@ def _sample_to_precision(work: Work) -> SampledDesign:
             interval = quantile_estimate(samples, q.target, q.error, q.quantile, level).interval_mm
             if decide(interval, q.limit_mm) == "inconclusive":
                 return False
-        return _decides_cvar(ready, vertex, sampling, samples, len(precision_looks(sampling.max_trials)))
+        return _decides_means(ready, vertex, sampling, samples, len(precision_looks(sampling.max_trials)))
 
     runs = gather(
         partial(
@@ -465,7 +467,7 @@ def _sample_to_decision(work: Work) -> SampledDesign:
             _questions(ready, vertex, sampling),
             confidence=confidence,
             max_trials=sampling.max_trials,
-            settled=partial(_decides_cvar, ready, vertex, sampling),
+            settled=partial(_decides_means, ready, vertex, sampling),
         )
         for vertex in ready.plans
     )
@@ -484,7 +486,7 @@ def _sample_to_decision(work: Work) -> SampledDesign:
         f"{(1 - ready.confidence) / 2:.3g} on either side, over all looks."
     )
     samples = {vertex: run.samples for vertex, run in by_vertex.items()}
-    return SampledDesign(samples, confidence, stopping, reached, quantiles)
+    return SampledDesign(samples, confidence, stopping, reached, quantiles, runs[0].level)
 
 
 def _sample_radially(work: Work) -> SampledDesign:
@@ -535,7 +537,7 @@ def _goals(ready: PreparedDesign, vertex: Vertex) -> list[Goal]:
     """Quantiles that must be precise in the run at this vertex: P95 and every requirement's own."""
     wanted = {(name, error, P95) for (name, error), at in ready.vertices.items() if vertex in at and error == "tcp"}
     for requirement in ready.system.requirements:
-        for name in requirement.targets:
+        for name in requirement.targets if requirement.is_quantile else ():
             if vertex in ready.vertices[name, requirement.error]:
                 wanted.add((name, requirement.error, requirement.quantile))
     return [Goal(*goal) for goal in sorted(wanted)]
@@ -547,13 +549,21 @@ def _questions(ready: PreparedDesign, vertex: Vertex, sampling: Sampling) -> tup
         LimitQuestion(name, requirement.error, requirement.quantile, requirement.limit)
         for requirement in ready.system.requirements
         for name in requirement.targets
-        if requirement.risk == "pooled"
+        if requirement.risk == "pooled" and requirement.row.by_quantile
     )
     every = dict.fromkeys((*required, *sampling.questions))
     return tuple(question for question in every if vertex in ready.vertices[question.target, question.error])
 
 
-def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
+def _decides_means(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, samples: Samples, looks: int) -> bool:
+    """Whether no requirement on what no quantile decides is open, and no question about a mean."""
+    level = 1 - (1 - ready.confidence_at_each) / looks
+    for item in ready.system.requirements:
+        for name in () if item.row.by_quantile else item.targets:
+            if vertex in ready.vertices[name, item.error]:
+                found = estimate_statistic(item, TrialsOfError(samples, name, item.error, level))
+                if decide(found.interval_mm, item.limit) == "inconclusive":
+                    return False
     for question in sampling.cvar:
         if vertex not in ready.vertices[question.target, "tcp"]:
             continue
@@ -565,6 +575,13 @@ def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sam
         if decide(interval, question.limit_mm) == "inconclusive":
             return False
     return True
+
+
+def estimate_statistic(requirement: Requirement, trials: TrialsOfError) -> QuantileEstimate:
+    """What trials say of a requirement on what is no quantile."""
+    assert requirement.row.of_trials is not None
+    found = requirement.row.of_trials(trials, requirement.quantile, requirement.limit)
+    return QuantileEstimate(*found)
 
 
 def take_largest(quantiles: Iterable[QuantileEstimate]) -> QuantileEstimate:
@@ -749,7 +766,13 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
     checks, missed = [], bool(ready.system.loss_probability)
     for requirement in ready.system.requirements:
         for name in requirement.targets:
-            if requirement.risk == "pooled":
+            if not requirement.is_quantile:
+                level = sampled.look_level or sampled.confidence_level
+                each = (sampled.samples[vertex] for vertex in ready.vertices[name, requirement.error])
+                trials = (TrialsOfError(samples, name, requirement.error, level) for samples in each)
+                largest = take_largest(estimate_statistic(requirement, of) for of in trials)
+                checks.append(judge(requirement, name, largest.value_mm, largest.interval_mm, missed=missed))
+            elif requirement.risk == "pooled":
                 estimate = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
                 checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm, missed=missed))
             else:

@@ -190,6 +190,8 @@ def _list_less(entry: GateRequirement, demand: GateRequirement) -> list[tuple[st
     less: list[tuple[str, str]] = []
     if demand.error != entry.error:
         less.append(("error", f"it is about the {entry.error} error, and was about the {demand.error} error"))
+    if demand.statistic != entry.statistic:
+        less.append(("statistic", f"it limits the {entry.statistic}, and limited the {demand.statistic}"))
     if entry.limit > demand.limit * (1 + ROUNDING):
         field = MEASURE[entry.error].limit_field
         less.append((field, f"limit raised from {demand.limit:g} to {entry.limit:g} {entry.unit}"))

@@ -16,6 +16,7 @@ from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots, name_all
+from tailstack.statistic import STATISTIC, write_text
 from tailstack.verdict import decide
 
 from .policy import Rules
@@ -107,19 +108,22 @@ def list_requirements(
     """
     stated = {}
     for entry in design.document.requirements:
-        units = entry.risk != "pooled"
+        units, row = entry.risk != "pooled", STATISTIC[entry.statistic]
+        rule = "per-unit-yield" if units else "p95" if row.of_law is None else "statistic"
         stated[entry.name] = GateRequirement(
             name=entry.name,
             origin="design",
-            rule="per-unit-yield" if units else "p95",
-            severity=(rules.per_unit_yield if units else rules.p95).severity,
+            rule=rule,
+            severity="error" if rule == "statistic" else (rules.per_unit_yield if units else rules.p95).severity,
             error=entry.error,
-            quantile=entry.quantile,
+            quantile=entry.pooled_quantile,
             limit=entry.limit,
             min_yield=entry.min_yield,
             **({"risk": entry.risk} if units else {}),
             confidence=entry.confidence,
             targets=tuple(check.target for check in score.verdict.checks if check.requirement == entry.name),
+            statistic=entry.statistic,
+            n=entry.n,
         )
     every = tuple(target.name for target in score.targets)
     return {**stated, **{name: replace(limit, targets=every) for name, limit in limits.items()}}
@@ -290,7 +294,9 @@ def describe_requirement(entry: GateRequirement) -> str:
     """What is asked, in one phrase."""
     if entry.rule == "cvar":
         return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit:g} mm"
-    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit:g} {entry.unit}"
+    row, limit = STATISTIC[entry.statistic], f"{entry.limit:g} {entry.unit}"
+    name = write_text(row.headline, entry.quantile, entry.n, limit, error=ERRORS[entry.error])
+    what = f"{name} within " + (f"{1 - entry.quantile:.6g}" if row.unit else limit)
     return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of {name_all(entry.risk)}"
 
 

@@ -16,6 +16,7 @@ from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length
 from tailstack.results.verdicts import assumed_sentence, name_all
+from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
 
@@ -120,15 +121,18 @@ def _describe_number(comparison: LimitComparison) -> str:
     if number.rule == "exceedance":
         asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
         return f"{asked}: {quantile} is {value_text}"
-    what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit:g} {number.unit}"
+    what = number.write(STATISTIC[number.statistic].headline, ERRORS[requirement.error])
+    if number.rule == "cvar":
+        what = f"the mean of the worst 5 % (CVaR95) of {ERRORS[requirement.error]}"
+    return f"{what} is {value_text}, limit {number.limit:g} {number.unit}"
 
 
 def _point_at_limit(case: Case, comparison: LimitComparison) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
     if comparison.requirement.origin == "design":
         names = [requirement.name for requirement in case.design.document.requirements]
-        field = "min_yield" if comparison.number.min_yield is not None else MEASURE[comparison.number.error].limit_field
+        number, field = comparison.number, MEASURE[comparison.number.error].limit_field
+        field = "min_yield" if number.min_yield is not None else "limit_probability" if number.beyond else field
         return f"/requirements/{names.index(comparison.requirement.name)}/{field}"
     return point_at_target(case, [target.name for target in case.score.targets].index(comparison.number.target))
 

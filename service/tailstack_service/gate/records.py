@@ -14,6 +14,7 @@ from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
 from tailstack.results.record import Result
 from tailstack.results.tables import PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.results.verdicts import Check, Finding, check_columns, decided_by, name_basis
+from tailstack.statistic import StatisticName
 
 from .asked import Fold, Level, Mode
 
@@ -94,7 +95,8 @@ class GateRequirement:
     error: MeasureName
     """Measure that is limited: tcp (error at the tool), localisation (of the target)."""
     quantile: float
-    """Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins."""
+    """Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins; of max_of_n that of one shot, of
+    probability what it leaves to 1."""
     limit: float
     """The limit, in `unit`."""
     min_yield: float | None
@@ -107,6 +109,10 @@ class GateRequirement:
     """Unit of the limit: mm, unless the measure has another."""
     risk: str = "per_unit"
     """Of what `min_yield` is a fraction: per_unit, per_mounting."""
+    statistic: StatisticName = "quantile"
+    """What of the error is limited."""
+    n: int | None = None
+    """max_of_n: number of shots of which the largest error is limited; otherwise null."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", MEASURE[self.error].unit)
@@ -330,7 +336,8 @@ def _p95_limit(design: GatedDesign) -> float | None:
     limits = [
         entry.limit
         for entry in design.requirements
-        if (entry.error, entry.quantile, entry.min_yield) == ("tcp", 0.95, None) and entry.rule != "cvar"
+        if (entry.error, entry.quantile, entry.min_yield, entry.statistic) == ("tcp", 0.95, None, "quantile")
+        and entry.rule != "cvar"
     ]
     return min(limits, default=None)
 

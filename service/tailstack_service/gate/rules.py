@@ -98,6 +98,7 @@ _RULES = (
     _limit("cvar", "The mean of the worst 5 % of errors is above its limit", "more", "mm"),
     _limit("exceedance", "Too many shots miss by more than the limit", "more", "mm"),
     _limit("per-unit-yield", "Too few installed units are good", "less", "fraction"),
+    Rule("statistic", "A mean, a CVaR or a probability is above its limit", partial(find_failures, rule="statistic")),
     Rule("first-order-gap", "Estimate and Monte Carlo disagree", find_first_order_gaps, "more", "%"),
     Rule("conditioning", "The layout barely determines the answer", find_weaknesses, "less"),
     Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),

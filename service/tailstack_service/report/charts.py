@@ -172,10 +172,12 @@ class Scaled:
     decimals: int = 3  # of what is written
     reach_mm: float = 0.0  # the scale goes as far at least, so that two pictures can be laid beside one another
 
+    own_unit: str = ""
+
     @property
     def unit(self) -> str:
         """Of value, interval and limit."""
-        return MEASURE[self.error].unit
+        return self.own_unit or MEASURE[self.error].unit
 
 
 def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
@@ -185,7 +187,8 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
     left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
     with open_page(name, 136, width) as page:
         unit = shown.unit
-        title = f"{ERRORS[shown.error].removeprefix('the ')}, {unit}"
+        of_error = unit == MEASURE[shown.error].unit
+        title = f"{ERRORS[shown.error].removeprefix('the ') if of_error else shown.quantile}, {unit}"
         axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
         axes.yaxis.set_visible(False)

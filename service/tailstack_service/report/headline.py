@@ -62,6 +62,8 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
         error=decisive.error,
         min_yield=decisive.min_yield,
         risk="per_unit" if decisive.min_yield is None else decisive.risk,
+        headline="" if decisive.statistic == "quantile" else decisive.headline,
+        unit=decisive.unit,
     )
 
 

@@ -51,10 +51,11 @@ class Headline:
     """Of what `min_yield` is a fraction: per_unit, per_mounting."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "unit", MEASURE[self.error].unit)
+        object.__setattr__(self, "unit", self.unit or MEASURE[self.error].unit)
         high = self.interval[1]
         margin = None if high is None or self.limit is None else self.limit - high
-        object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield, risk=self.risk))
+        headline = self.headline or name_headline(self.quantile, self.min_yield, risk=self.risk)
+        object.__setattr__(self, "headline", headline)
         object.__setattr__(self, "margin", margin)
 
 

@@ -225,8 +225,9 @@ def _requirement(
         detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
         raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, f"it takes {MEASURE[item.error].needs}"))
     return Requirement(
-        item.name, item.error, item.quantile, item.limit, item.confidence, sites, item.risk, item.min_yield
-    )
+        item.name, item.error, item.pooled_quantile, item.limit, item.confidence, sites, item.risk, item.min_yield,
+        item.statistic, item.n, item.limit_probability,
+    )  # fmt: skip
 
 
 def refuse_behind_detector(

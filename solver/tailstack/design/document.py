@@ -89,6 +89,7 @@ from ..ranges import (
     YIELD,
     AnySize,
 )
+from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field
 from .optimise_document import Optimise
@@ -809,10 +810,28 @@ class RequirementDocument(Record):
         examples=["tcp"],
         json_schema_extra={"x-limited-by": {measure.name: measure.limit_field for measure in MEASURES}},
     )
-    quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
-        default=0.95, description="Quantile of the error's norm that is limited. Default 0.95.", examples=[0.95]
+    statistic: StatisticName = Field(
+        default="quantile",
+        description="What is limited. " + " ".join(f"{row.name}: {row.meaning}." for row in STATISTICS),
+        examples=["quantile"],
     )
-    limit_mm: Annotated[Length, LIMIT_MM] = Field(description="The quantile must not exceed this, mm.", examples=[2.0])
+    quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
+        default=0.95,
+        description="Quantile of the error's norm that is limited; of cvar, where the tail begins. Default 0.95.",
+        examples=[0.95],
+    )
+    limit_mm: Annotated[Length, LIMIT_MM] = Field(
+        description="The statistic must not exceed this, mm; of probability, the error beyond which shots are counted.",
+        examples=[2.0],
+    )
+    limit_probability: Annotated[float, Field(ge=0.0001, le=0.5), LEVEL] | None = Field(
+        default=None,
+        description="probability only, required there: probability of an error beyond the limit that is allowed.",
+        examples=[0.01],
+    )
+    n: Annotated[int, Field(ge=2, le=5000), AnySize("a number of shots")] | None = Field(
+        default=None, description="max_of_n only, required there: number of independent shots.", examples=[20]
+    )
     confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
         default=0.95,
         description="Confidence of the interval the Monte Carlo verdict is taken from. Default 0.95.",
@@ -841,7 +860,34 @@ class RequirementDocument(Record):
             raise refusal("unused-field", f"min_yield is read only with risk: {risks}", at="min_yield")
         if self.risk != "pooled" and self.min_yield is None:
             raise refusal("missing-field", f"risk: {self.risk} needs min_yield", "min_yield: 0.95")
+        if self.risk != "pooled" and self.statistic != "quantile":
+            each = self.risk.removeprefix("per_")
+            detail = f"each {each} has a limit on its own quantile; the {self.statistic} is over all {each}s together"
+            raise refusal("unused-field", detail, "statistic: quantile, or risk: pooled", at="risk")
         return self
+
+    @model_validator(mode="after")
+    def _statistic(self) -> RequirementDocument:
+        row = STATISTIC[self.statistic]
+        for name, example in (("limit_probability", 0.01), ("n", 20)):
+            if name in row.needs and getattr(self, name) is None:
+                raise refusal("missing-field", f"statistic: {row.name} needs {name}", f"{name}: {example}")
+        for name in ("quantile", "limit_probability", "n"):
+            if name not in row.needs + row.reads and getattr(self, name) != type(self).model_fields[name].default:
+                raise refusal("unused-field", f"statistic: {row.name} does not read {name}", at=name)
+        if self.pooled_quantile > HIGHEST:
+            detail = (
+                f"P{100 * self.quantile:g} of the largest of {self.n} shots is P{100 * self.pooled_quantile:.7g} of one"
+            )
+            raise refusal("out-of-range", detail, f"a quantile of one shot is at most {HIGHEST:g}: lower n", at="n")
+        return self
+
+    @property
+    def pooled_quantile(self) -> float:
+        """The quantile of one shot's error that is asked for."""
+        return pooled_quantile(self.quantile, self.limit_probability, self.n)
+
+    _as_before = leave_out_later({"statistic": "quantile", "limit_probability": None, "n": None})
 
     @property
     def limit(self) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 
 from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..geometry.arrays import Array
 from ..results import Exceedance, Interval
 from .simulate import ErrorSample, Samples, deepen
 
@@ -128,8 +129,13 @@ def interval_so_far(
 
 
 def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: float) -> float:
-    """``E[|e| given |e| beyond its quantile]``, mm: ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev
-    2000).
+    """``E[|e| given |e| beyond its quantile]``, mm."""
+    return cvar_of(samples, target, error, quantile)[0]
+
+
+def cvar_of(samples: Samples, target: str | int, error: str, quantile: float) -> tuple[float, Array]:
+    """The same and its summands that are not zero: ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev
+    2000), mm.
 
     Sums are exact (fsum): no order of summation.  Shots without an answer are beyond x_q and left out of the mean,
     which is infinite with them.
@@ -142,9 +148,10 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     share = 1 - quantile - samples.unanswered / n
     count = n - rank - samples.unanswered
     if count <= 0 or share <= 0:
-        return base
+        return base, np.zeros(0)
     answered = sample.tail[: len(sample.tail) - sample.unanswered]
-    return base + fsum(answered[len(answered) - count :] - base) / n / share
+    beyond = answered[len(answered) - count :] - base
+    return base + fsum(beyond) / n / share, beyond
 
 
 def exceedance_estimate(
@@ -164,6 +171,40 @@ def exceedance_estimate(
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
     high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
     return Exceedance(limit_mm, count / n, (low, high))
+
+
+class TrialsOfError(NamedTuple):
+    """What trials say of an error at a target beside its quantiles: values, each with an interval."""
+
+    samples: Samples
+    target: str
+    error: str
+    confidence: float  # of the interval
+
+    def mean(self) -> tuple[float, Interval]:
+        """``E|e|`` of the trials that have an answer; its variance is E|e|^2, of mean and scatter, less its square."""
+        sample = self.samples.of(self.target, self.error)
+        answered = sample.trials - sample.unanswered
+        square = float(np.trace(sample.scatter)) / answered + float(sample.mean @ sample.mean)
+        return self._normal(sample.mean_norm, sqrt(max(square - sample.mean_norm**2, 0.0) / answered))
+
+    def cvar(self, quantile: float) -> tuple[float, Interval]:
+        """To first order it does not feel the error of the quantile: the spread of its summands is its error."""
+        value, beyond = cvar_of(self.samples, self.target, self.error, quantile)
+        mean = fsum(beyond) / self.samples.trials
+        variance = max(fsum(beyond**2) / self.samples.trials - mean**2, 0.0)
+        share = 1 - quantile - self.samples.unanswered / self.samples.trials
+        return self._normal(value, sqrt(variance / self.samples.trials) / share if share > 0 else inf)
+
+    def exceedance(self, limit: float) -> tuple[float, Interval]:
+        """Clopper and Pearson's."""
+        found = exceedance_estimate(self.samples, self.target, self.error, limit, self.confidence)
+        return found.probability, found.interval
+
+    def _normal(self, value: float, standard_error: float) -> tuple[float, Interval]:
+        """By the central limit theorem; shots without an answer leave a mean without an upper end."""
+        error = NormalDist().inv_cdf((1 + self.confidence) / 2) * standard_error
+        return value, (max(value - error, 0.0), inf if self.samples.unanswered else value + error)
 
 
 def cvar_interval(

@@ -15,6 +15,7 @@ from ..errors import DesignError, Problem
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..geometry.naming import direction_name
+from ..measures import MEASURE
 from ..results.digits import at_least, at_most
 from ..system import View
 from .problem import (
@@ -50,7 +51,7 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    problems = _curves(problem) or _objective(problem)
+    problems = _statistics(problem) or _curves(problem) or _objective(problem)
     count = len(problem.system.fiducial_labels)
     if problem.places and count > MOST_FIDUCIALS:
         detail = (
@@ -85,6 +86,21 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
     problems += _fixed_pairs(problem) + _ends(problem)
     if problems:
         raise DesignError(problems)
+
+
+def _statistics(problem: PlacementProblem) -> list[Problem]:
+    """Requirements on what is no quantile."""
+    return [
+        Problem(
+            f"/requirements/{index}/statistic",
+            "not-optimised",
+            f"{item.name} limits the {item.statistic} of {MEASURE[item.error].words}: the search keeps limits of "
+            "quantiles",
+            "ask for a quantile (or max_of_n) for the search, then score the result with it as it was",
+        )
+        for index, item in enumerate(problem.system.requirements)
+        if not item.is_quantile
+    ]
 
 
 def _flat(problem: PlacementProblem) -> list[Problem]:

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from ..levels import Drawn, level_of
 from ..measures import MEASURE
+from ..statistic import STATISTIC, write_text
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 
@@ -57,10 +58,11 @@ class Check:
     risk: str
     """pooled: over installations and shots together; per_unit, per_mounting: of each unit, each mounting, by itself."""
     quantile: float
-    """Quantile of the error's norm that is limited, 0.95 for P95."""
+    """Quantile of the error's norm that is limited, 0.95 for P95; of max_of_n that of one shot, of probability what it
+    leaves to 1."""
     value: float
-    """What decides. pooled: the quantile; per_unit: what `min_yield` of units keep their own
-    quantile within; per_mounting: of mountings."""
+    """What decides. pooled: the statistic; per_unit: what `min_yield` of units keep their own quantile within;
+    per_mounting: of mountings."""
     interval: tuple[float, float | None]
     """Its ends. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A null upper end:
     not known, as first order is not valid.
@@ -88,14 +90,29 @@ class Check:
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
     words: str = ""
     """What people call the measure."""
+    statistic: str = "quantile"
+    """What of the error is limited: quantile, mean, cvar, probability or max_of_n."""
+    n: int | None = None
+    """max_of_n: number of shots of which the largest error is limited; otherwise null."""
+    beyond: float | None = None
+    """probability: the error beyond which shots are counted, in the unit of the measure; otherwise null."""
 
     def __post_init__(self) -> None:
         high = self.interval[1]
-        object.__setattr__(self, "unit", MEASURE[self.error].unit)
+        object.__setattr__(self, "unit", STATISTIC[self.statistic].unit or MEASURE[self.error].unit)
         object.__setattr__(self, "words", MEASURE[self.error].words)
-        headline = headline_of(self.quantile, self.min_yield, missed=self.missed, risk=self.risk)
-        object.__setattr__(self, "headline", headline)
+        object.__setattr__(self, "headline", self.name_value())
         object.__setattr__(self, "margin", None if high is None else self.limit - high)
+
+    def name_value(self, of: str = "") -> str:
+        """What the value is, in words; ``of`` what, if that is named."""
+        text = self.write(STATISTIC[self.statistic].headline, of)
+        return headline_of(self.quantile, self.min_yield, of, missed=self.missed, risk=self.risk, statistic=text)
+
+    def write(self, text: str, error: str = "", shots: str = "shots") -> str:
+        """A text of the statistic's row."""
+        beyond = "" if self.beyond is None else f"{self.beyond:g} {MEASURE[self.error].unit}"
+        return write_text(text, self.quantile, self.n, beyond, error=error, shots=shots)
 
     @property
     def upper(self) -> float:
@@ -146,13 +163,20 @@ def _plural(risk: str) -> str:
 
 
 def headline_of(
-    quantile: float, min_yield: float | None, of: str = "", *, missed: bool = False, risk: str = "per_unit"
+    quantile: float,
+    min_yield: float | None,
+    of: str = "",
+    *,
+    missed: bool = False,
+    risk: str = "per_unit",
+    statistic: str = "",
 ) -> str:
     """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named; missed: of all
-    shots, those that miss fiducials among them; risk: of what, where a yield is required."""
-    whose = f" of {of}" if of else ""
+    shots, those that miss fiducials among them; risk: of what, where a yield is required; statistic: in words, if it
+    is no quantile."""
+    named = statistic or write_text(STATISTIC["quantile"].headline, quantile, None, "", error=of)
     units = "" if min_yield is None else f" that {100 * min_yield:.6g} % of {_plural(risk)} keep"
-    return f"P{100 * quantile:.6g}{whose}{units}" + (f" ({MISSED})" if missed else "")
+    return f"{named}{units}" + (f" ({MISSED})" if missed else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,12 +354,11 @@ def check_sentence(check: Check, who: str = "The design") -> str:
 def _describe(check: Check) -> str:
     """A requirement's name and numbers."""
     decimals = decimals_of((check,))
-    shots = f"{100 * check.quantile:.6g} % of "
-    if check.min_yield is None:
-        shots += "shots"
-    else:
-        shots = f"{100 * check.min_yield:.6g} % of {name_all(check.risk)}, in {shots}their own shots"
+    shots = "shots" if check.min_yield is None else "their own shots"
+    units_of = "" if check.min_yield is None else f"in {100 * check.min_yield:.6g} % of {name_all(check.risk)}, "
     shots += f", {MISSED}" if check.missed else ""
+    what = check.write(STATISTIC[check.statistic].sentence, f"{ERRORS[check.error]} (target {check.target})", shots)
+    name = check.write(STATISTIC[check.statistic].headline)
     low, high = check.interval
     ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     limit = f"the limit of {check.limit:g} {check.unit}"
@@ -345,8 +368,8 @@ def _describe(check: Check) -> str:
     if check.yield_fraction is not None:
         units = f"; {in_percent(check.yield_fraction, 1)} of {_plural(check.risk)} keep it"
     return (
-        f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
-        f"{length(check.value, decimals)} {check.unit} (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
+        f"{check.requirement}: {units_of}{what} "
+        f"{length(check.value, decimals)} {check.unit} ({name}; {ends}), {where}{units}"
     )
 
 
@@ -377,12 +400,12 @@ class Judged(NamedTuple):
 
 def what_is_limited(check: Check) -> str:
     """The quantile and of which error, in words."""
-    return headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed, risk=check.risk)
+    return check.name_value(ERRORS[check.error])
 
 
 def _limited_briefly(check: Check) -> str:
     units = "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of {_plural(check.risk)}"
-    return f"P{100 * check.quantile:.6g}{MEASURE[check.error].brief}{units}"
+    return f"{check.write(STATISTIC[check.statistic].headline)}{MEASURE[check.error].brief}{units}"
 
 
 def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:

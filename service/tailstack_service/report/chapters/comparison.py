@@ -118,7 +118,8 @@ def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float 
     limits = [
         check.limit
         for check in judged.verdict.checks
-        if (check.target, check.error, check.risk, check.quantile) == (name, "tcp", "pooled", P95)
+        if (check.target, check.error, check.risk, check.quantile, check.statistic)
+        == (name, "tcp", "pooled", P95, "quantile")
     ]
     target: TargetScore | TargetEstimate = next(entry for entry in judged.targets if entry.name == name)
     return target, min(limits, default=None)

@@ -7,6 +7,7 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
+from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, MeasureResult, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
@@ -247,7 +248,7 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     """
     shown = Scaled(
         headline.target, headline.value, headline.interval, headline.limit, _beside(headline, targets),
-        headline.headline, headline.error, decimals,
+        headline.headline, headline.error, decimals, own_unit=headline.unit,
     )  # fmt: skip
     size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
     caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
@@ -257,7 +258,8 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
     target = next((target for target in targets if target.name == headline.target), None)
-    if target is None or headline.min_yield is not None or (metric := error_at(target, headline.error)) is None:
+    alike = headline.min_yield is None and headline.unit == MEASURE[headline.error].unit
+    if target is None or not alike or (metric := error_at(target, headline.error)) is None:
         return ()
     mean = ("mean", metric.mean_norm_mm)
     return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
@@ -335,7 +337,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
     tightest = max(score.verdict.checks, key=lambda check: check.value / check.limit, default=None)
     if tightest is not None:
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
-        what = headline_words(tightest.quantile, tightest.min_yield, error, risk=tightest.risk)
+        what = tightest.name_value(error)
         sentences.append(
             f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
             f"{length(tightest.value, decimals)} {tightest.unit} against {tightest.limit:g} {tightest.unit}."
