@@ -68,7 +68,7 @@ P95_OF_TCP = Judgement()
 
 
 def judgement_of(check: Check | None) -> Judgement:
-    """What a check looks at; without one, P95 of the error at the tool; where no quantile decides, P95 without limit."""
+    """What a check looks at; without one, P95 of the error at the tool; of what no quantile decides, P95 unlimited."""
     if check is None:
         return P95_OF_TCP
     if not STATISTIC[check.statistic].by_quantile:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from ..levels import Drawn, level_of
 from ..measures import MEASURE
-from ..statistic import STATISTIC, write_text
+from ..statistic import STATISTIC, StatisticName, write_text
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 
@@ -90,7 +90,7 @@ class Check:
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
     words: str = ""
     """What people call the measure."""
-    statistic: str = "quantile"
+    statistic: StatisticName = "quantile"
     """What of the error is limited: quantile, mean, cvar, probability or max_of_n."""
     n: int | None = None
     """max_of_n: number of shots of which the largest error is limited; otherwise null."""
