@@ -37,7 +37,7 @@ ITSELF = "get_openapi"  # answers with this very document, which is its own exam
 COUNTS = frozenset(
     {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
      "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
-     "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "open",
+     "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "n", "open",
      "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
      "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "trials_with_losses",
      "trials_without_answer", "units_done",
@@ -47,7 +47,7 @@ RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient", "confidence",
      "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation", "factor", "first_order",
      "first_order_ratio", "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
-     "largest_loss_probability", "largest_share", "loss_probability", "lowest_ratio",
+     "largest_loss_probability", "largest_share", "limit_probability", "loss_probability", "lowest_ratio",
      "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
      "nu_gap", "nu_range", "nu_turns",
      "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",

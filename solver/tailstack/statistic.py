@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 HIGHEST = 0.9999  # quantile of the pooled law that a requirement reaches
 
 
-class Summary(Protocol):
+class LawNumbers(Protocol):
     """What is known of the law of an error to first order."""
 
     @property
@@ -47,7 +47,7 @@ class Statistic:
     reads: tuple[str, ...] = ("quantile",)  # fields that it reads if they are there
     unit: str = ""  # of its value; empty: that of the measure
     by_quantile: bool = False  # whether it keeps its limit just where the quantile that is asked for does
-    of_law: Callable[[Summary], float | None] | None = None  # None: it is that quantile itself
+    of_law: Callable[[LawNumbers], float | None] | None = None  # None: it is that quantile itself
     of_trials: Callable[[Trials, float, float], Estimate] | None = None  # quantile, limit
     trusted_as: Callable[[float], float] = float  # the quantile whose calibration of first order is taken for it
     calibrated: bool = True  # whether there is one; otherwise a simulation decides
@@ -74,7 +74,7 @@ STATISTICS = (
         name="cvar",
         meaning="the mean of the errors beyond the quantile (conditional value at risk): never less than the quantile, "
         "so that what keeps the limit keeps it for the quantile too",
-        headline="CVaR{q}{of}",
+        headline="mean of the worst {rest} %{of}",
         sentence="in the worst {rest} % of {shots}, {error} is on average",
         of_law=lambda law: law.cvar_mm,
         of_trials=lambda trials, quantile, limit: trials.cvar(quantile),

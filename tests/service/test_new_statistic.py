@@ -68,7 +68,8 @@ def test_the_gate_judges_statistics_by_their_own_values_and_no_waiver_of_p95_cov
 
 
 def test_a_statistic_that_asks_for_less_than_the_baseline_is_found() -> None:
-    loose, largest = {"limit_mm": 2.5}, {"statistic": "max_of_n", "limit_mm": 2.5}
+    loose: dict[str, object] = {"limit_mm": 2.5}
+    largest = loose | {"statistic": "max_of_n"}
     before = judge_files({"a.yaml": asked({"statistic": "cvar"} | loose, {"n": 20} | largest)})
     now = asked({"statistic": "mean"} | loose, {"n": 5} | largest)
     record = judge_files({"a.yaml": now}, baseline=plain_record(before))

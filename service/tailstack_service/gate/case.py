@@ -114,7 +114,7 @@ def list_requirements(
             name=entry.name,
             origin="design",
             rule=rule,
-            severity="error" if rule == "statistic" else (rules.per_unit_yield if units else rules.p95).severity,
+            severity=getattr(rules, rule.replace("-", "_")).severity,
             error=entry.error,
             quantile=entry.pooled_quantile,
             limit=entry.limit,

@@ -271,6 +271,7 @@ class Rules(Record):
     cvar: CvarRule = Field(default_factory=CvarRule)
     exceedance: ExceedanceRule = Field(default_factory=ExceedanceRule)
     per_unit_yield: YieldRule = Field(default_factory=YieldRule)
+    statistic: ErrorRule = Field(default_factory=ErrorRule)
     first_order_gap: GapRule = Field(default_factory=GapRule)
     conditioning: WarningRule = Field(default_factory=WarningRule)
     plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)

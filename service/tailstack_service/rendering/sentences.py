@@ -210,8 +210,8 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
         share = in_percent(spare / check.limit)
         first = f"{what} has at least {length(spare, decimals)} {check.unit} to spare ({share} of the limit)"
     else:
-        share = in_percent(-spare / check.value)
-        first = f"{what} has to come down by {length(-spare, decimals)} {check.unit} ({share}) to pass for certain"
+        share = f" ({in_percent(-spare / check.value)})" if check.value else ""  # none of the shots drawn may be beyond
+        first = f"{what} has to come down by {length(-spare, decimals)} {check.unit}{share} to pass for certain"
     steps = [source for source in sources if source.tenth_mm is not None]
     if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool
         return first + "."

@@ -224,10 +224,18 @@ def _requirement(
     if not sites:
         detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
         raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, f"it takes {MEASURE[item.error].needs}"))
+    asked = item.statistic, item.n, item.limit_probability
     return Requirement(
-        item.name, item.error, item.pooled_quantile, item.limit, item.confidence, sites, item.risk, item.min_yield,
-        item.statistic, item.n, item.limit_probability,
-    )  # fmt: skip
+        item.name,
+        item.error,
+        item.pooled_quantile,
+        item.limit,
+        item.confidence,
+        sites,
+        item.risk,
+        item.min_yield,
+        *asked,
+    )
 
 
 def refuse_behind_detector(

@@ -829,7 +829,7 @@ class RequirementDocument(Record):
         description="probability only, required there: probability of an error beyond the limit that is allowed.",
         examples=[0.01],
     )
-    n: Annotated[int, Field(ge=2, le=5000), AnySize("a number of shots")] | None = Field(
+    n: Annotated[int, Field(ge=2, le=5000), AnySize("as many shots as somebody counts")] | None = Field(
         default=None, description="max_of_n only, required there: number of independent shots.", examples=[20]
     )
     confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
