@@ -250,7 +250,8 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
         headline.target, headline.value, headline.interval, headline.limit, _beside(headline, targets),
         headline.headline, headline.error, decimals, own_unit=headline.unit,
     )  # fmt: skip
-    size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
+    of_error = headline.unit == MEASURE[headline.error].unit
+    size = f"{f'Size of {ERRORS[headline.error]}' if of_error else headline.headline}, target {headline.target}"
     caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
     narrow = partial(draw_scale, shown, "headline-narrow", PHONE)
     return Figure("headline", partial(draw_scale, shown, "headline"), caption, narrow)
