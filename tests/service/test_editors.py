@@ -120,6 +120,7 @@ def convert(source: Path, target: Path) -> None:
 
 def test_a_written_design_brings_its_schema_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = EXAMPLES / "demo.yaml"
+    (tmp_path / ".git").mkdir()
     convert(source, tmp_path / "a.yaml")
     assert f"wrote {tmp_path / SCHEMA}" in capsys.readouterr().err
     assert named_schema(tmp_path / "a.yaml") == tmp_path / SCHEMA
@@ -135,10 +136,12 @@ def test_a_written_design_brings_its_schema_once(tmp_path: Path, capsys: pytest.
     assert (below / "b.yaml").read_text().count("yaml-language-server") == 1
 
 
-def test_a_schema_outside_the_repository_is_not_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("marked", [True, False], ids=["repository", "folder"])
+def test_a_schema_outside_the_repository_is_not_named(tmp_path: Path, marked: bool) -> None:
     (tmp_path / SCHEMA).write_text("{}")
-    (tmp_path / "repository" / ".git").mkdir(parents=True)
-    (tmp_path / "repository" / "designs").mkdir()
+    (tmp_path / "repository" / "designs").mkdir(parents=True)
+    if marked:
+        (tmp_path / "repository" / ".git").mkdir()
     convert(EXAMPLES / "demo.yaml", tmp_path / "repository" / "designs" / "a.yaml")
     schema = named_schema(tmp_path / "repository" / "designs" / "a.yaml")
     assert schema == tmp_path / "repository" / "designs" / SCHEMA
@@ -200,7 +203,7 @@ def test_editor_shows_unit_and_meaning_of_a_number(session: Editor) -> None:
         "fiducial_noise_px": "Standard deviation of a fiducial's measured image, per coordinate (not per point), px.",
         "half_width_deg": "Half-width h of the rotation, degrees.",
         "pivot_mm": "Point in con that the displacement is reduced at, mm",
-        "limit_mm": "The quantile must not exceed this, mm.",
+        "limit_mm": "The statistic must not exceed this, mm;",
         "source_isocentre_mm": "Overrides the preset's; required where the preset has none. mm.",
     }.items():
         line, column = place_of(DEMO, field)

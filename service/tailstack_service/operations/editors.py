@@ -36,7 +36,8 @@ def write_document(path: Path, text: str, *, tell: bool = True) -> None:
     """Write a design, a policy or waivers as the user's own file.  Raises OSError, and then leaves what was there.
 
     YAML gets a head line with the nearest schema of its kind, in its folder or above it, up to the root of the
-    repository; where there is none, the schema is put beside it and stderr says so, unless nobody is to be told.
+    repository (outside one, in its folder only: what lies above may be anybody's); where there is none, the schema is
+    put beside it and stderr says so, unless nobody is to be told.
     """
     kind = _KIND.search(text) if path.suffix.lower() in (".yaml", ".yml") else None
     if kind is not None and not is_stream(str(path)):
@@ -48,11 +49,11 @@ def _place_schema(document: Path, kind: str, tell: bool) -> str:
     """Where the schema is, seen from a document's folder.  Raises OSError."""
     folder = Path(os.path.realpath(document)).parent  # a link is written where it leads
     name = schema_file(kind)
-    for up, place in enumerate((folder, *folder.parents)):
+    above = (folder, *folder.parents)
+    height = next((up for up, place in enumerate(above) if (place / ".git").exists()), 0)  # of the repository's root
+    for up, place in enumerate(above[: height + 1]):
         if (place / name).is_file():
             return "../" * up + name
-        if (place / ".git").exists():
-            break
     beside = document.parent / name
     replace_file(folder / name, schema_text(published_schema(kind, _schema_of(kind), "7")))
     if tell:
