@@ -89,6 +89,12 @@ def _most_words(entry: tuple[list[str], str]) -> int:
     return -len(entry[0])
 
 
+def _takes_unit(before: list[str]) -> bool:
+    """Whether a unit may follow this word: none does in max_of_n, and of deg_mm there is not one."""
+    unit = read_unit(before)
+    return before != ["of"] and (unit is None or unit.dimension != "angle")
+
+
 @lru_cache(4096)
 def read_name(name: str) -> NameReading:
     """What a name says: its words without unit and order, the unit at its end (or at its beginning), and so on."""
@@ -98,7 +104,7 @@ def read_name(name: str) -> NameReading:
     mark = _take(words, _MARKS)
     unit = None
     for at in range(0 if spread or rotation or mark or "per" in words else 1, len(words)):
-        if (unit := read_unit(words[at:])) is not None:
+        if _takes_unit(words[at - 1 : at]) and (unit := read_unit(words[at:])) is not None:
             del words[at:]
             break
     else:

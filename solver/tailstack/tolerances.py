@@ -192,7 +192,7 @@ class Tolerances(Record):
                         f"{name} is {item.distribution}: a coefficient says how normal components go together, and of "
                         "others their joint law is not known by it"
                     )
-                    raise refusal("law-not-joint", detail, "distribution: normal, or leave out the correlation", at)
+                    raise refusal("law-not-joint", detail, "make it normal, or leave out the correlation", at)
         refuse_indefinite(self._coefficients, TORSOR_COMPONENTS, "correlation")
 
     @property

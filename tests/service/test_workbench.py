@@ -301,7 +301,7 @@ def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     assert found["ghosts"] == 12
     assert "F2" in found["differences"]
     assert "7.25" in found["differences"]
-    assert re.search(r"1\.14 [▲▼] 0\.\d{3}\t–", found["row"])  # against the estimate of now; none is simulated
+    assert re.search(r"1\.14 mm [▲▼] 0\.\d{3}\t–", found["row"])  # against the estimate of now; none is simulated
 
 
 # --- strange and large designs -------------------------------------------------------------------------------------

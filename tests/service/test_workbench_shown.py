@@ -105,7 +105,7 @@ def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(serv
     assert found["p95"] == f"{estimate.value:.3f}"
     assert len(found["variants"]) == 2  # now, and A
     for row in found["variants"]:
-        assert row.split("\t")[1:5] == ["Fail by estimate", found["p95"], "–", "0.600"]
+        assert row.split("\t")[1:5] == ["Fail by estimate", f"{found['p95']} mm", "–", "0.600 mm"]
         assert "every-unit at tip" in row
     assert found["opened"] is True  # the run is looked at where runs are
     assert "every-unit at tip" in found["said"]

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from tailstack.measures import MEASURE
+from tailstack.measures import MEASURE, MeasureName
 from tailstack.results import Optimisation, Provenance, Score, Verification
 from tailstack.results.record import Published
 from tailstack.results.verdicts import headline_of as name_headline
@@ -37,7 +37,7 @@ class Headline:
     """The limit; null without requirement."""
     matters: tuple[str, ...]
     """What matters most, at most three sentences."""
-    error: str = "tcp"
+    error: MeasureName = "tcp"
     """Measure that decides, as a requirement names it: tcp (the error at the tool), ..."""
     min_yield: float | None = None
     """Fraction of units, or of mountings, that must keep the limit; null: the risk is pooled."""

@@ -34,7 +34,7 @@ _TABLES = (
 )
 _IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2)"
 _EXCHANGE = f"ExchangeModel({_IMAGING} f2 f1 f2 f3 i1 f1)"
-_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b)"
+_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b1 f5 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
     "score": f"""
@@ -67,7 +67,7 @@ _TABLE = {
         0.1 tail.lattice.flat_balls             f i f1
     """,
     "batch": f"""
-        24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f4 f2
+        24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f3 f2
         1.8 propagation.validity_bounds.is_layout_certainly_valid f2 f2 f3 {_VALIDITY_BOUNDS}
     """,
     "verify": f"""

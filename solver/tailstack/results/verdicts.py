@@ -8,7 +8,7 @@ from math import inf
 from typing import Literal, NamedTuple, TypeVar
 
 from ..levels import Drawn, level_of
-from ..measures import MEASURE
+from ..measures import MEASURE, MeasureName
 from ..statistic import STATISTIC, StatisticName, write_text
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
@@ -53,7 +53,7 @@ class Check:
     """Name of the requirement."""
     target: str
     """Name of the target, or of one sample of a region (zone[3]); of a measure that joins several, its site."""
-    error: str
+    error: MeasureName
     """Which measure is limited: tcp (error at the tool), localisation (of the target, in con)."""
     risk: str
     """pooled: over installations and shots together; per_unit, per_mounting: of each unit, each mounting, by itself."""
