@@ -499,7 +499,10 @@ class Chaos:
                 os.replace(kept, path)
             self._expect(200, "the file of the database is back")
 
-        return (under_way, delete) if under_way and self._ready() in (200, None) else None
+        # none is starting: a process that begins where no file is makes one, as at the first start
+        workers_there = {each.pid for each in self._insist(lambda: workers.list_workers(self.db))} & self.fleet.pids()
+        settled = len(workers_there) == len(self.fleet.processes)
+        return (under_way, delete) if under_way and settled and self._ready() in (200, None) else None
 
     def _kill_worker_ahead(self) -> tuple[Units, Callable[[], None]] | None:
         """A worker takes units while its clock is ahead, and dies; then the clock is right."""
