@@ -155,7 +155,6 @@ def __getattr__(name: str) -> Meant:
     raise AttributeError(f"no range is called {name}")
 
 
-LIMITS = {meant.unit: meant for meant in (_RANGES["LIMIT_MM"], _RANGES["LIMIT_DEG"])}
 COUNT = AnySize("it is a number of things, and its domain says how many")
 MONEY = AnySize("it is in a currency of your own")
 DIRECTION = AnySize("a direction has any length")

@@ -311,7 +311,7 @@ def test_validate_answers_in_json_with_a_line_for_each_design(call: Any) -> None
         (r"position_mm: \[[^]]*\]", "position_mm: [-35, -18, 1, 4]", "needs 3 entries; got a list of 4"),
         ("orientation: AP", "orientation: PA", "beam_direction: [0, -1, 0]"),
         (r"\Z", "\nmodel: {estimator: PnP}\n", "did you mean pose?"),
-        ("limit_mm: [0-9.]+", "limit_deg: 2", "an angle cannot be converted into a length"),
+        ("limit_mm: [0-9.]+", "limit_deg: 2", "tcp is limited by limit_mm"),
         (
             "    orientation: AP",
             "   orientation: AP",

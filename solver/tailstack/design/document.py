@@ -18,7 +18,6 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    create_model,
     model_validator,
 )
 
@@ -77,8 +76,8 @@ from ..ranges import (
     KNOWN_HAND_EYE_DEG,
     KNOWN_HAND_EYE_MM,
     LEVEL,
+    LIMIT_DEG,
     LIMIT_MM,
-    LIMITS,
     LOAD_HALF_WIDTH_N,
     LOAD_N,
     SCATTER_MM,
@@ -820,9 +819,13 @@ class RequirementDocument(Record):
         description="Quantile of the error's norm that is limited; of cvar, where the tail begins. Default 0.95.",
         examples=[0.95],
     )
-    limit_mm: Annotated[Length, LIMIT_MM] = Field(
+    limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
+        default=None,
         description="The statistic must not exceed this, mm; of probability, the error beyond which shots are counted.",
         examples=[2.0],
+    )
+    limit_deg: Annotated[float, Field(ge=1e-6, le=180), LIMIT_DEG] | None = Field(
+        default=None, description="The same of an angle, deg, in place of limit_mm.", examples=[2.0]
     )
     limit_probability: Annotated[float, Field(ge=0.0001, le=0.5), LEVEL] | None = Field(
         default=None,
@@ -882,6 +885,16 @@ class RequirementDocument(Record):
             raise refusal("out-of-range", detail, f"a quantile of one shot is at most {HIGHEST:g}: lower n", at="n")
         return self
 
+    @model_validator(mode="after")
+    def _limit(self) -> RequirementDocument:
+        own = MEASURE[self.error].limit_field
+        for name in ("limit_mm", "limit_deg"):
+            if name != own and getattr(self, name) is not None:
+                raise refusal("unused-field", f"{self.error} is limited by {own}", at=name)
+        if getattr(self, own) is None:
+            raise refusal("missing-field", f"a requirement on {self.error} needs {own}", f"{own}: 1")
+        return self
+
     @property
     def pooled_quantile(self) -> float:
         """The quantile of one shot's error that is asked for."""
@@ -894,40 +907,6 @@ class RequirementDocument(Record):
         """In the unit of the measure."""
         value: float = getattr(self, MEASURE[self.error].limit_field)
         return value
-
-
-def with_limits(record: type[RequirementDocument]) -> Any:
-    """The record with a limit in the unit of every measure: ``limit_deg`` beside ``limit_mm`` where one is an angle."""
-    units = {measure.limit_field: measure.unit for measure in MEASURES}
-    if len(units) == 1:
-        return record
-
-    def check(self: RequirementDocument) -> RequirementDocument:
-        own = MEASURE[self.error].limit_field
-        for name in units:
-            if name != own and getattr(self, name) is not None:
-                raise refusal("unused-field", f"{self.error} is limited by {own}", at=name)
-        if getattr(self, own) is None:
-            raise refusal("missing-field", f"a requirement on {self.error} needs {own}", f"{own}: 1")
-        return self
-
-    fields: dict[str, Any] = {
-        name: (Annotated[Length, LIMITS[unit]] | None, Field(default=None, description=f"The limit, {unit}."))
-        for name, unit in units.items()
-    }
-    validators: dict[str, Any] = {"_own_limit": model_validator(mode="after")(check)}
-    return create_model(
-        record.__name__,
-        __base__=record,
-        __doc__=record.__doc__,
-        __module__=record.__module__,
-        __validators__=validators,
-        **fields,
-    )
-
-
-if not TYPE_CHECKING:
-    RequirementDocument = with_limits(RequirementDocument)
 
 
 class Model(Record):
