@@ -458,7 +458,8 @@ class Target:
     name: str  # as in the design; zone[3] of a region
     position_mm: Array  # (3,) con
     region: str | None = None  # the target region it samples, if any
-    direction: Array | None = None  # (3,) con, unit: in which an instrument comes to it
+    direction: Array | None = None  # (3,) con: in which an instrument comes to it
+    entry: str | None = None  # name of the target through which it comes, and which tells the direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)

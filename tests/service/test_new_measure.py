@@ -205,8 +205,8 @@ def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     measures = source / "tailstack" / "measures"
     (measures / "axis_angle.py").write_text(AXIS_ANGLE, encoding="utf-8")
     table = (measures / "__init__.py").read_text(encoding="utf-8")
-    listed = table.replace("    axial.MEASURE,\n", "    axial.MEASURE,\n    axis_angle.MEASURE,\n")
-    listed = listed.replace("from . import axial", "from . import axial, axis_angle")
+    listed = table.replace("    angle.MEASURE,\n", "    angle.MEASURE,\n    axis_angle.MEASURE,\n")
+    listed = listed.replace("import angle, axial", "import angle, axial, axis_angle")
     assert len(listed.splitlines()) == len(table.splitlines()) + 1
     (measures / "__init__.py").write_text(listed, encoding="utf-8")
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
@@ -292,7 +292,7 @@ def test_losses_batch_sweep_derivative_and_units_know_it(variables: dict[str, st
 def test_it_is_limited_in_its_own_unit(copy: subprocess.Popen[str], tmp_path: Path) -> None:
     schema = json.loads(tailstack(copy, tmp_path, "schema", "design"))
     (fields,) = [each["properties"] for each in schema["$defs"].values() if "limit_deg" in each.get("properties", ())]
-    assert fields["error"]["enum"] == ["tcp", "localisation", "lateral", "axial", "axis_angle"]
+    assert fields["error"]["enum"] == ["tcp", "localisation", "lateral", "axial", "angle", "axis_angle"]
     assert fields["error"]["x-limited-by"]["axis_angle"] == "limit_deg"
     assert "limit_deg" in refusal(copy, tmp_path, "validate", str(designed(tmp_path, limit_mm=1.0)))
     alone = str(designed(tmp_path, limit_deg=0.6, targets=["tip"]))

@@ -21,6 +21,7 @@ from ..geometry.camera import depths
 from ..geometry.naming import direction_name, point_name
 from ..levels import Drawn
 from ..measures import MEASURE, Metric, metrics_at
+from ..measures.measure import DRAWN_ANEW
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
@@ -83,6 +84,7 @@ def _compile(design: Design) -> System:
         )
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
+    notes += [f"trajectory {each.entry} to {each.name}: {DRAWN_ANEW}" for each in targets if each.entry is not None]
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
     tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)

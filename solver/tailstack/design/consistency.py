@@ -43,6 +43,10 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     named = [target.name for target in document.targets]
     problems += find_duplicates(named, "/targets/{}/name".format, "targets")
     problems += _expanded_names(document.targets)
+    for index, target in enumerate(document.targets):
+        if target.entry is not None:
+            points = [t.name for t in document.targets if t.position_mm not in (None, target.position_mm)]
+            problems += find_unknown(f"/targets/{index}/entry", "target elsewhere", target.entry, points)
     promised = [item.name for item in document.requirements]
     problems += find_duplicates(promised, "/requirements/{}/name".format, "requirements")
     for index, view in enumerate(document.views):
@@ -362,9 +366,8 @@ def _axis_counts(box: Box) -> tuple[int, int, int]:
 def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
-        direction = None if target.direction is None else np.array(target.direction)
-        unit = None if direction is None else frozen(direction / np.linalg.norm(direction))
-        return (Target(target.name, frozen(target.position_mm), direction=unit),)
+        direction = None if target.direction is None else frozen(target.direction)
+        return (Target(target.name, frozen(target.position_mm), None, direction, target.entry),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])

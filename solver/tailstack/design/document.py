@@ -789,11 +789,20 @@ class TargetDocument(Record):
         "axial are across and along it.",
         examples=[[0.0, 0.0, -1.0]],
     )
+    entry: Name | None = Field(
+        default=None,
+        description="Name of the target through which an instrument comes to this one, in place of direction: the two "
+        "are a straight trajectory, and the error angle is between it as planned and as executed. Both ends share the "
+        "resection of the views, the seats, repeatability and load; the noise of their images is drawn for each.",
+        examples=["entry"],
+    )
 
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:
-        if self.region is not None and self.direction is not None:
-            raise refusal("unused-field", "direction is read only beside position_mm", at="direction")
+        stated = [name for name in ("direction", "entry") if getattr(self, name) is not None]
+        if stated and (self.region is not None or len(stated) > 1):
+            detail = "beside position_mm stands direction or entry, beside region neither"
+            raise refusal("unused-field", detail, at=stated[0])
         if self.direction is not None and max(map(abs, self.direction)) < 1e-9:
             raise refusal("zero-direction", "a target's direction is not [0, 0, 0]", at="direction")
         return self

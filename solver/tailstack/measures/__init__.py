@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from . import axial, lateral, localisation, tcp
+from . import angle, axial, lateral, localisation, tcp
 from .measure import Measure, Site
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ MEASURES: tuple[Measure, ...] = (
     localisation.MEASURE,
     lateral.MEASURE,
     axial.MEASURE,
+    angle.MEASURE,
 )
 POINTS = MEASURES[:2]  # the errors at one target, in the order in which the simulation has them
 MEASURE = {measure.name: measure for measure in MEASURES}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .measure import Measure, at_each_direction
+from .measure import DIRECTED, Measure, at_each_direction
 
 MEASURE = Measure(
     name="axial",
@@ -11,6 +11,6 @@ MEASURE = Measure(
     meaning="error at the tool along the direction of the target, either way",
     frame="tcp",
     sites=at_each_direction(0, 1),
-    needs="a target with direction: [x, y, z] in con",
+    needs=DIRECTED,
     calibrated=False,
 )

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     Sites = Callable[
         [Sequence["MeasuredTarget"], Array], tuple["Site", ...]
     ]  # of all targets, and (4, 4) from con to tcp
+    Exact = Callable[[Mapping[str, Array]], Array]
+
+DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of these two targets excepted"
+DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
 
 
 class MeasuredTarget(Protocol):
@@ -29,7 +33,9 @@ class MeasuredTarget(Protocol):
     @property
     def position_mm(self) -> Array: ...  # (3,) con
     @property
-    def direction(self) -> Array | None: ...  # (3,) con, unit
+    def direction(self) -> Array | None: ...  # (3,) con
+    @property
+    def entry(self) -> str | None: ...  # name of the target at which an instrument enters that comes to this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +44,8 @@ class Site:
 
     name: str  # of the target, or what joins several, "A to B": as records name it
     weights: Mapping[str, Array]  # by target (3, 6): of the error at the tool, x, y, z in tcp, then as located, in con
+    exact: Exact | None = None
+    """Where the above is no more than first order: e (3, n) of n trials, from their errors by target (6, n)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,22 +81,36 @@ def at_each_target(first: int) -> Sites:
     return sites
 
 
+def list_directed(
+    targets: Sequence[MeasuredTarget], to_tcp: Array
+) -> list[tuple[MeasuredTarget, MeasuredTarget | None, Array]]:
+    """Targets to which an instrument comes in a direction; the one at which it enters, if that is known; and the axes
+    (3, 3) in tcp: along it, and two across."""
+    import numpy as np
+
+    named, found = {target.name: target for target in targets}, []
+    for target in targets:
+        entry = None if target.entry is None else named[target.entry]
+        direction = target.direction if entry is None else target.position_mm - entry.position_mm
+        if direction is not None:
+            along = to_tcp[:3, :3] @ (direction / np.linalg.norm(direction))
+            across = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
+            across /= np.linalg.norm(across)
+            found.append((target, entry, np.stack([along, across, np.cross(along, across)])))
+    return found
+
+
 def at_each_direction(first: int, last: int) -> Sites:
-    """Sites of components of the error at the tool, at every target with a direction d, in tcp: rows first to last - 1
-    of d and two unit vectors across it."""
+    """Sites of components of the error at the tool, at every target with a direction: along it is 0, across it 1, 2."""
 
     def sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
         import numpy as np
 
         found = []
-        for target in targets:
-            if target.direction is not None:
-                along = to_tcp[:3, :3] @ target.direction
-                across = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
-                across /= np.linalg.norm(across)
-                weights = np.zeros((3, 6))
-                weights[: last - first, :3] = np.stack([along, across, np.cross(along, across)])[first:last]
-                found.append(Site(target.name, {target.name: weights}))
+        for target, _, axes in list_directed(targets, to_tcp):
+            weights = np.zeros((3, 6))
+            weights[: last - first, :3] = axes[first:last]
+            found.append(Site(target.name, {target.name: weights}))
         return tuple(found)
 
     return sites

@@ -70,9 +70,11 @@ def measure_errors(system: System, errors: Array) -> Array:
     derived = system.derived_metrics
     if not derived:
         return points
-    places = {target.name: t for t, target in enumerate(system.targets)}
+    at = {target.name: own for target, own in zip(system.targets, both, strict=True)}
     others = [
-        sum((weights[:, :, None] * both[places[name]]).sum(axis=1) for name, weights in site.weights.items())
+        sum((weights[:, :, None] * at[name]).sum(axis=1) for name, weights in site.weights.items())
+        if site.exact is None
+        else site.exact(at)
         for _, site in derived
     ]
     return np.concatenate([points, others])

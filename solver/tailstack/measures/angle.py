@@ -1,0 +1,64 @@
+"""The angle between the axis of an instrument as planned and as executed, from where it enters to where it ends.
+
+Both ends share one resection of the views, the seats, the robot's pose and the load; the noise of their images is drawn
+for each.  To first order an angle is what the ends differ by across the axis, over its length; trials have it whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from .measure import DRAWN_ANEW, Measure, MeasuredTarget, Site, list_directed
+
+if TYPE_CHECKING:
+    from .measure import Array, Exact
+
+
+def list_sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
+    """Of each target with an entry."""
+    import numpy as np
+
+    found = []
+    for target, entry, axes in list_directed(targets, to_tcp):
+        if entry is not None:
+            length = float(np.linalg.norm(target.position_mm - entry.position_mm))
+            weights = np.zeros((3, 6))
+            weights[:2, :3] = np.rad2deg(axes[1:]) / length
+            ends = entry.name, target.name
+            found.append(Site(" to ".join(ends), {ends[0]: -weights, ends[1]: weights}, _turn(ends, axes, length)))
+    return tuple(found)
+
+
+def _turn(ends: tuple[str, str], axes: Array, length_mm: float) -> Exact:
+    """The angle itself, across the axis, deg; by sums and square roots alone, which are alike on every processor."""
+
+    def turn(errors: Mapping[str, Array]) -> Array:
+        import numpy as np
+
+        between = (errors[ends[1]] - errors[ends[0]])[:3] / length_mm
+        ahead, *across = ((axis[:, None] * between).sum(axis=0) for axis in axes)
+        size = np.sqrt(across[0] ** 2 + across[1] ** 2)
+        tangent = size / (np.sqrt(size**2 + (1 + ahead) ** 2) + (1 + ahead))  # of half the angle
+        for _ in range(4):
+            tangent = tangent / (1 + np.sqrt(1 + tangent**2))
+        square, series = tangent**2, 0.0
+        for odd in range(17, 0, -2):
+            series = 1 / odd - square * series
+        times = np.rad2deg(32 * tangent * series) / np.where(size > 0, size, 1)
+        return np.stack([across[0] * times, across[1] * times, 0 * times])
+
+    return turn
+
+
+MEASURE = Measure(
+    name="angle",
+    words="the angle of the executed axis",
+    brief=", angle",
+    meaning=f"angle between the planned axis from entry to target and the executed one; {DRAWN_ANEW}",
+    frame="tcp",
+    sites=list_sites,
+    needs="a target with entry: NAME of another, and both among those named",
+    unit="deg",
+    calibrated=False,
+)
