@@ -16,6 +16,8 @@ from tailstack.results import (
     MetricEstimate,
     MovedFiducial,
     MovedPivot,
+    MovesValue,
+    MoveValue,
     Optimisation,
     PlacementValue,
     Provenance,
@@ -98,6 +100,15 @@ def full_result(**changes: Any) -> Optimisation:
         "binding": ("P95 at target 'tip'", "carrier rx at its largest"),
         "influence": (Finding("floor", "note", "moving fiducials cannot bring P95 at 'tip' below 0.98 mm"),),
         "placement_value": PlacementValue("corners", 1150.0, 30, 3, 1400.0, 3000.0, 1101.5, "textbook costs 4 % more"),
+        "moves": MovesValue(
+            1300.0,
+            1101.5,
+            (MoveValue("F1", 1125.0), MoveValue("F3", None)),
+            ("F1",),
+            0.88,
+            5,
+            "moving F1 alone keeps 88 % of what moving buys",
+        ),
         "counts": (CountTried(8, None, 1.0625, "cannot meet the limit"), CountTried(10, 1120.0, 1.0, "chosen")),
         "front": (
             FrontPoint(
@@ -127,6 +138,6 @@ def bare_result() -> Optimisation:
         objective="least P95 of the tcp error", cost_before=None, cost_after=0.0, cost_closed_form=None,
         cost_exact_law=None,
         p95_before_mm=None, moved=(MovedFiducial("F2", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),), tolerances=(), pivots=(),
-        scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, counts=(),
+        scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, moves=None, counts=(),
         front=(),
     )  # fmt: skip

@@ -57,6 +57,14 @@ STRUCTURE: dict[str, tuple[dict[str, Any], str, str, str]] = {
     ),
     "three pivots": (section(pivots=[PIVOT] * 3), "/pivots", "too-long", "at most 2"),
     "negative seed": (section(box=BOX, seed=-1), "/seed", "out-of-range", "-1"),
+    "two ways to stay": (
+        section(box=BOX, rotation_bounds=DEG, stay={"cost_per_mm": 1, "at_most_mm": 5}), "/stay", "one-of", "both",
+    ),
+    "no way to stay": (section(box=BOX, stay={}), "/stay", "one-of", "neither"),
+    "paid for moving": (
+        section(box=BOX, rotation_bounds=DEG, stay={"cost_per_mm": -1}), "/stay/cost_per_mm", "out-of-range", "-1",
+    ),
+    "nowhere to go": (section(box=BOX, stay={"at_most_mm": 0}), "/stay/at_most_mm", "out-of-range", "0.01"),
 }  # fmt: skip
 
 MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
@@ -121,6 +129,20 @@ MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
         section(tolerances=[RX], symmetry={"rotation": {"order": 2}}), "/symmetry", "unused-field", "region",
     ),
     "count without region": (section(tolerances=[RX], count={"min": 6, "max": 8}), "/count", "unused-field", "region"),
+    "nothing that could stay": (
+        section(tolerances=[RX], stay={"at_most_mm": 5}), "/stay", "unused-field", "region",
+    ),
+    "a price of moving without a cost": (
+        section(box=BOX, stay={"cost_per_mm": 1}), "/stay/cost_per_mm", "unsupported", "at_most_mm instead",
+    ),
+    "a price of moving along a front": (
+        section(box=BOX, rotation_bounds=DEG, objective="pareto", stay={"cost_per_mm": 1}), "/stay/cost_per_mm",
+        "unsupported", "pareto weighs no cost",
+    ),
+    "a price of moving with grades": (
+        section(box=BOX, tolerances=[free(SEAT, "rx", grades=GRADES)], stay={"cost_per_mm": 1}), "/stay/cost_per_mm",
+        "unsupported", "one by one",
+    ),
     "crossed count": (section(box=BOX, count={"min": 9, "max": 8}), "/count/min", "out-of-range", "above max"),
     "count with regions": (
         section(regions=[{"fiducials": ["F1"], "box": BOX}], count={"min": 6, "max": 8}), "/count", "one-of",

@@ -168,6 +168,8 @@ def _change_lines(result: Optimisation) -> list[str]:
     lines = []
     if distances:
         lines.append(f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm")
+    if result.moves is not None:
+        lines.append(wrap(result.moves.sentence, first="  ", indent="    "))
     for _, group in groupby(result.tolerances, lambda tolerance: tolerance.contributor):
         tolerances = tuple(group)
         name = tolerances[0].label.removesuffix(f" {tolerances[0].component}")

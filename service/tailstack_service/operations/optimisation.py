@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 STAGES = {
     "view": "aim of the views", "layout": "starting layout", "programme": "programme", "point": "starting point",
     "start": "start", "polish": "polishing", "settle": "exact law", "check": "check", "front": "point of the front",
-    "compare": "layout compared with",
+    "compare": "layout compared with", "move": "layout with fewer moves",
 }  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
@@ -198,7 +198,7 @@ def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, flo
         if stage != last:
             progress.begin_step()
             last = stage
-        if stage == "view":  # it may end sooner
+        if stage in ("view", "move"):  # it may end sooner
             progress.report(done, total + 1, f"{STAGES[stage]} {done}, at most {total}")
             return
         known = ""

@@ -10,7 +10,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
-from ..fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
+from ..fields import (
+    Direction,
+    Distance,
+    HalfWidth,
+    HalfWidthDegrees,
+    Length,
+    Name,
+    Point,
+    Record,
+    exactly_one,
+    refusal,
+)
 from ..ranges import (
     CONE_DEG,
     COUNT,
@@ -71,6 +82,22 @@ class Survive(Record):
         description="P95 of the error at the tool stays within this then, at every target that a requirement names, "
         "mm.",
         examples=[0.5],
+    )
+
+
+class Stay(Record):
+    """What speaks against moving a fiducial from where it is."""
+
+    model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", neither="at_most_mm: 10")
+
+    cost_per_mm: _Weight | None = Field(
+        default=None,
+        description="Price of each mm that a free fiducial is away from its place, in the unit of the cost; objective: "
+        "cost, with bounds and curves.",
+        examples=[2.0],
+    )
+    at_most_mm: Annotated[float, Field(ge=0.01, le=1e4), EXTENT_MM] | None = Field(
+        default=None, description="No free fiducial moves further than that, mm. Any objective.", examples=[10.0]
     )
 
 
@@ -370,6 +397,10 @@ class Optimise(Record):
     count: Count | None = Field(
         default=None, description="How many fiducials may be used. Absent: as many as there are."
     )
+    stay: Stay | None = Field(
+        default=None,
+        description="A price of moving fiducials, or a bound of it; new ones may be anywhere. Default neither.",
+    )
     survive: Survive | None = Field(
         default=None,
         description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
@@ -447,7 +478,7 @@ class Optimise(Record):
                 "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change",
                 "add a box",
             )
-        for field in ("keep_out", "symmetry", "count"):
+        for field in ("keep_out", "symmetry", "count", "stay"):
             if getattr(self, field) and not given:
                 raise refusal("unused-field", f"{field} is read only with a region for the fiducials", at=field)
         if self.count is not None and self.regions is not None:
@@ -486,6 +517,8 @@ class Optimise(Record):
             raise refusal(
                 "too-many", "one view is added at a time", "optimise the new design again", at=f"views/{added[1]}"
             )
+        if self.stay is not None and self.stay.cost_per_mm is not None:
+            self._check_price(self.stay.cost_per_mm)
         if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]
@@ -500,6 +533,16 @@ class Optimise(Record):
                 "give the others grades too: a cost curve is one of its values at some half-widths",
                 at=f"tolerances/{graded[0]}",
             )
+
+    def _check_price(self, cost_per_mm: float) -> None:
+        """A price of moving is weighed against the cost of tolerances, by a programme with slopes."""
+        against = None if self.goal == "cost" else f"objective: {self.goal} weighs no cost"
+        if any(free.grades is not None for free in self.tolerances):
+            against = "grades are bought one by one, at a layout that is then placed for room, not for its price"
+        if against is not None:
+            detail = f"cost_per_mm {cost_per_mm:g} goes with objective: cost and cost curves, and {against}"
+            hint = "give at_most_mm instead, which goes with everything, or bounds with objective: cost"
+            raise refusal("unsupported", detail, hint, at="stay/cost_per_mm")
 
 
 class SearchBox(Record):

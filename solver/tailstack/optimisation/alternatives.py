@@ -20,10 +20,11 @@ from ..scoring import vector3
 from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .margin import trials_for
+from .matching import take_nearest
 from .present import broken_rules, merit_of
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
-from .request import OptimiseRequest
+from .request import OptimiseRequest, in_order
 from .search import (
     Control,
     Search,
@@ -83,7 +84,7 @@ def front_point(task: OptimisationTask, search: Search, number: int, factor: flo
         best = check_present(task.request, search, settings, least, control) or best
     if best is None:
         return _empty(problem, factor, "out of reach", reason)
-    return _point(problem, search, best, factor)
+    return _point(task.request, search, best, factor)
 
 
 def mark_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
@@ -132,8 +133,9 @@ def _least_ratio(program: Program, search: Search) -> float:
     return min(ratios)
 
 
-def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum, factor: float) -> FrontPoint:
-    choice = verified.optimum.choice
+def _point(request: OptimiseRequest, search: Search, verified: VerifiedOptimum, factor: float) -> FrontPoint:
+    choice, problem = verified.optimum.choice, search.program.problem
+    order = in_order(request, verified.optimum.problem.system.fiducial_labels)
     first = problem.in_mm[0].requirement
     own = [term for term in search.terms if term.demand.requirement.name == first.name]
     checks = [check for check in verified.verification.verdict.checks if check.requirement == first.name]
@@ -147,7 +149,7 @@ def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum,
         verified_upper_mm=max(check.upper for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
-        fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm),
+        fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm[order]),
     )
 
 
@@ -255,6 +257,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
         if start.tightest_ratio > 1 and problem.objective != "quantile":
             return None
         reached = best_budget(small, here, evaluations, start.x[program.widths_at])
-        return None if reached is None else objective_for_people(program, reached)
+        moving = problem.price_of_moving(take_nearest(problem, layout))
+        return None if reached is None else objective_for_people(program, reached) + moving
 
     return value

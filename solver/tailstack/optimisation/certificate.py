@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from math import floor, log10, radians
+from math import floor, inf, log10, radians
 
 import numpy as np
 
@@ -30,12 +30,15 @@ TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
 SAMPLED_ACTIVE = 1e-3  # of a quantile that is sampled
 
 
-def name_binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
-    """The constraints that hold with equality, in the user's words."""
+def name_binding(
+    program: Program, point: Point, parameters: Parameters, order: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """The constraints that hold with equality, in the user's words; ``order``: of the labels."""
     values = program.constraints(point.x, parameters.vector(program, "main"))[1].full().ravel()
     binding: list[str] = []
     touched: dict[str, list[str]] = {}
     labels = program.problem.system.fiducial_labels
+    order = order or labels
     for t, (row, value) in enumerate(zip(program.rows, values, strict=True)):
         if row.lower == row.upper:  # on a surface by definition
             continue
@@ -44,15 +47,15 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
                 binding.append(_upper_text(program, t, row))
         elif value <= row.lower + TOUCHING:
-            face = row.text.partition(" at the ")[2] if row.kind == "region" else ""
+            face = row.text.partition(" at the ")[2] if row.kind in ("region", "stay") else ""
             if face:
                 touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])
             else:
                 binding.append(row.text + _minimum(program.problem, row.kind))
-    binding += [f"{', '.join(names)} {face}" for face, names in touched.items()]
+    binding += [f"{', '.join(sorted(names, key=order.index))} {face}" for face, names in touched.items()]
     return (
         *binding,
-        *_faces(program, point),
+        *_faces(program, point, order),
         *_bounds_on_widths(program, point),
         *_bounds_on_mechanics(program, point),
     )
@@ -83,7 +86,7 @@ def _at_bound(program: Program, point: Point, index: int) -> int:
     return 1 if x >= upper[index] - ACTIVE else -1 if x <= lower[index] + ACTIVE else 0
 
 
-def _faces(program: Program, point: Point) -> list[str]:
+def _faces(program: Program, point: Point, order: tuple[str, ...]) -> list[str]:
     """Fiducials on the faces of their boxes, those on the same faces together."""
     problem = program.problem
     by_faces: dict[str, list[str]] = {}
@@ -99,7 +102,7 @@ def _faces(program: Program, point: Point) -> list[str]:
         if faces:
             label = problem.system.fiducial_labels[place.fiducials[0]]
             by_faces.setdefault(", ".join(faces), []).append(label)
-    return [f"{', '.join(labels)} on the box at {faces}" for faces, labels in by_faces.items()]
+    return [f"{', '.join(sorted(on, key=order.index))} on the box at {faces}" for faces, on in by_faces.items()]
 
 
 def _bounds_on_widths(program: Program, point: Point) -> list[str]:
@@ -183,6 +186,7 @@ def price_bounds(
             add("cost_limit", "cost", per_unit, "{step} more on the cost limit", problem.cost_limit, step)
     _price_widths(program, point, objective * per, add)
     _spacings(program, point, objective * per, add)
+    _ways(program, point, objective * per, add)
     _places(program, point, objective * per, add)
     _price_mechanics(program, point, objective * per, add)
     return tuple(prices)
@@ -217,6 +221,15 @@ def _spacings(program: Program, point: Point, objective: float, add: Add) -> Non
         if size > 0:
             phrase = f"{{step}} {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}"
             add(name, unit, total * -2 / size * objective, phrase, size)
+
+
+def _ways(program: Program, point: Point, objective: float, add: Add) -> None:
+    """How far fiducials may move, where that holds some back."""
+    if (stay := program.problem.stay) is None or stay.at_most_mm == inf:
+        return
+    total = sum(float(m) for m, row in zip(point.row_multipliers, program.rows, strict=True) if row.kind == "stay")
+    per_mm = total * 2 / stay.at_most_mm * objective
+    add("at_most_mm", "mm", per_mm, "moving by {step} mm more", stay.at_most_mm)
 
 
 def _places(program: Program, point: Point, objective: float, add: Add) -> None:

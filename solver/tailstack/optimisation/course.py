@@ -13,7 +13,7 @@ exact law             the closed form corrected until the declared law itself is
 grades                what is bought from a table, and everything else around it (``grades``)
 check                 Monte Carlo with a fresh seed, the aim tightened until it passes; the design as it stands, where
                       that is better and passes too (``tightening``, ``present``)
-front, comparison     the same at other limits, and at other layouts (``alternatives``)
+front, comparison     the same at other limits, at other layouts, and with fewer moves (``alternatives``, ``moves``)
 record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
                       ``certificate``, ``allocation``)
 ====================  =========================================================================================
@@ -32,12 +32,13 @@ from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
 from .alternatives import trace_front, value_placement
+from .moves import value_moves
 from .offer import weigh_offer
 from .placement import settle
-from .present import merit_as_written, merit_of, present_design
+from .present import merit_as_written, merit_of, present_design, price_as_written
 from .reporting import add_aims, report
 from .request import read_request
-from .search import Control, Progress, Search, Stop, search
+from .search import Control, Progress, Search, Stop, hold_unmoved, search
 from .task import OptimisationTask, locate_refusals, read_task
 from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
 from .views import aim_views, leave_views
@@ -58,10 +59,10 @@ def optimise(
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
     ``progress(stage, done, total, least objective so far)`` is called after every aim of views, layout to start from,
-    programme, point to start at, start, polished optimum, settled optimum, check, point of a front and layout compared
-    with; what it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
-    verified and returned, ``certificate.stopped`` says so.  The design returned is verified: the upper confidence
-    limit of every quantile, from a fresh seed, is within its limit.
+    programme, point to start at, start, polished optimum, settled optimum, check, point of a front, layout compared
+    with and layout with fewer moves; what it raises ends the work.  ``stop()`` is polled; once it is true the best
+    found so far is settled, verified and returned, ``certificate.stopped`` says so.  The design returned is verified:
+    the upper confidence limit of every quantile, from a fresh seed, is within its limit.
 
     Raises DesignError (contradictions, nothing that is free acts), InfeasibleError (with the smallest quantile
     attainable and what would cure it), IllPosedError, NotConvergedError (also when stopped before anything
@@ -118,7 +119,11 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
         if task.request.section.goal == "pareto":
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
         value = None if task.request.graded else value_placement(optimum.search, task.seed, control)
-        return report(task, optimum, counts, front, value)
+        moves = None
+        if not (task.request.graded or optimum.kept):
+            found = optimum.optimum
+            moves = value_moves(optimum.search, found.choice, found.problem.system.fiducial_labels, control)
+        return report(task, optimum, counts, front, value, moves)
 
 
 class Searcher(Protocol):
@@ -202,6 +207,7 @@ def take_best_verified(task: OptimisationTask, searches: list[Search], control: 
     except (NotConvergedError, InfeasibleError) as error:
         found = error
     best = inf if isinstance(found, TailstackError) else merit_as_written(read_request(found.design))
+    best += 0.0 if isinstance(found, TailstackError) else price_as_written(task.request, found.design)
     number = len(task.request.problem.system.fiducial_labels)
     own = next((candidate for candidate in searches if candidate.fiducials == number), None)
     if own is not None:
@@ -219,7 +225,8 @@ def _undercuts(design: Design, found: Optimisation) -> bool:
     here = present_design(request.problem)
     if here.moved or not here.may_keep():
         return False
-    written = merit_as_written(read_request(load_design(found.design, base_directory=design.source.directory)))
+    new = load_design(found.design, base_directory=design.source.directory)
+    written = merit_as_written(read_request(new)) + price_as_written(request, new)
     return merit_of(request, request.problem, here.choice, here.ratios) < written
 
 
@@ -232,7 +239,8 @@ def take_first_verified(task: OptimisationTask, searches: list[Search], control:
     refused: TailstackError | None = None
     for candidate in searches:
         for item in candidate.iterates:
-            first = replace(candidate, iterates=(item, *(other for other in candidate.iterates if other is not item)))
+            others = (other for other in candidate.iterates if other is not item)
+            first = hold_unmoved(replace(candidate, iterates=(item, *others)))
             try:
                 exact = None
                 if candidate.program.problem.objective != "quantile" and not task.request.graded:

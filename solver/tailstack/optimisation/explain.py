@@ -164,6 +164,9 @@ def _room(program: Program, point: Point) -> list[str]:
         if row.kind in problem.distances:
             field, unit, size = problem.distances[row.kind]
             add(f"taking {{step}} {unit} off {field}", abs(float(multiplier)) / size, size)
+        elif row.kind == "stay" and problem.stay is not None:
+            most = problem.stay.at_most_mm
+            add("adding {step} mm to at_most_mm", abs(float(multiplier)) / most, most)
     told = []
     for what, (part, room) in sorted(relief.items(), key=lambda item: -item[1][0])[:2]:
         step = part_that_holds(part, 1 / room)
@@ -253,6 +256,9 @@ def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
         return f"{field} {at_most(size * max(1 - slack, 0.0) ** 0.5 * (1 - INTERIOR))} instead of {size:g}"
     if kind == "image_gap":
         return f"shadows at {max(1 - slack, 0.0) ** 0.5:.0%} of the distance that the fiducials' diameter asks for"
+    if kind == "stay" and problem.stay is not None:
+        most = problem.stay.at_most_mm
+        return f"at_most_mm {at_least(most * (1 + slack) ** 0.5 * (1 + INTERIOR))} instead of {most:g}"
     name = {"field": "the field of view", "region": "the regions", "keep_out": "the keep-out zones"}[kind]
     return f"{name} exceeded by {100 * slack:.2g} % of their size"
 

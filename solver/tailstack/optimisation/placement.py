@@ -222,7 +222,7 @@ def _solution(search: Search, here: Iterate, residual: float, ratios: Array) -> 
     return PlacementSolution(
         problem=problem,
         choice=choice,
-        cost=problem.cost(choice.half_width) if problem.half_widths else 0.0,
+        cost=problem.price_of(choice) if problem.half_widths else 0.0,
         ratios=tuple(float(ratio) for ratio in ratios),
         kkt_residual=residual,
         program=program,

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import dist, inf
 
 import numpy as np
 from scipy.optimize import brentq
 
+from ..design import Design
 from ..errors import TailstackError
 from ..geometry.arrays import Array
 from ..results.digits import at_least, at_most
@@ -79,7 +80,7 @@ def merit_of(request: OptimiseRequest, problem: PlacementProblem, choice: Choice
         return max(ratios)
     count = request.section.count
     each = 0.0 if count is None else count.cost_per_fiducial
-    return problem.cost(choice.half_width) + each * len(choice.fiducials_mm)
+    return problem.price_of(choice) + each * len(choice.fiducials_mm)
 
 
 def merit_as_written(request: OptimiseRequest) -> float:
@@ -88,6 +89,16 @@ def merit_as_written(request: OptimiseRequest) -> float:
     choice = present_choice(problem)
     ratios = exact_ratios(problem, every_terms(problem), choice) if problem.objective == "quantile" else ()
     return merit_of(request, problem, choice, tuple(map(float, ratios)))
+
+
+def price_as_written(request: OptimiseRequest, design: Design) -> float:
+    """Of what moving has brought a design to that the request's became."""
+    if request.problem.stay is None or not request.problem.stay.cost_per_mm:
+        return 0.0
+    homes = dict(zip(request.design.fiducials.labels, request.design.fiducials.positions_mm, strict=True))
+    placed = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+    ways = (dist(at, homes[label]) for label, at in placed if label in homes)
+    return request.problem.stay.cost_per_mm * sum(ways)
 
 
 def bring_inside(problem: PlacementProblem, choice: Choice) -> Choice:
@@ -153,7 +164,7 @@ def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> 
 def broken_rules(problem: PlacementProblem, terms: tuple[DemandTerms, ...], layout: Array) -> Iterator[str]:
     """Rules that a layout (N, 3) does not keep."""
     for row, value in geometric_rows(problem, terms, layout):
-        if row.kind != "region" and not value >= row.lower - ROUNDED:
+        if row.kind not in ("region", "stay") and not value >= row.lower - ROUNDED:
             yield _say_broken(problem, row, float(value))
     labels = problem.system.fiducial_labels
     for zone in problem.keep_out:

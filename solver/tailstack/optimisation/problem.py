@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
-from math import degrees
-from typing import Literal
+from math import degrees, inf
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from .regions import Isometry, KeepOut, Shape
 
 Objective = Literal["cost", "quantile", "scaling"]
 ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
+SMOOTH_MM = 0.05  # how round the price of moving is about 0
 MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
 
 
@@ -126,6 +127,29 @@ class QuantileConstraint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Homes:
+    """What speaks against moving fiducials: a price, or a ball about the place of each."""
+
+    home_mm: Array  # (N, 3) con; nan of a new one
+    cost_per_mm: float = 0.0
+    at_most_mm: float = inf
+
+    @property
+    def at_home(self) -> tuple[int, ...]:
+        """Indices of those that have a place to stay at."""
+        return tuple(int(i) for i in np.flatnonzero(~np.isnan(self.home_mm[:, 0])))
+
+    def ways(self, points: ArrayLike) -> list[ArrayLike]:
+        """(3,) from the place of each of ``at_home`` to where it is, mm; points (N, 3), floats or symbols."""
+        return [points[i] - self.home_mm[i] for i in self.at_home]
+
+    def price_smoothly(self, points: ArrayLike, root: Callable[[Any], Any]) -> Any:
+        """The price with ``sqrt(d^2 + s^2) - s`` for each distance d, s being ``SMOOTH_MM``: it has a slope at 0, and
+        is never more than what is asked, nor less by more than s for each."""
+        return self.cost_per_mm * sum(root(way @ way + SMOOTH_MM**2) - SMOOTH_MM for way in self.ways(points))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Survival:
     """What must hold when fiducials are lost."""
 
@@ -192,6 +216,7 @@ class PlacementProblem:
     image_margin_px: float = 0.0  # from the image's border, in views whose size is stated
     target_clearance_px: float = 0.0  # between the image of a fiducial and that of a required target
     survival: Survival | None = None
+    stay: Homes | None = None
 
     @cached_property
     def estimation(self) -> EstimationTerms:
@@ -261,6 +286,16 @@ class PlacementProblem:
     def cost(self, half_width: Array) -> float:
         """Sum over the free half-widths (K,), native unit."""
         return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
+
+    def price_of(self, choice: Choice) -> float:
+        """Of the half-widths and of what has been moved."""
+        return self.cost(choice.half_width) + self.price_of_moving(choice.fiducials_mm)
+
+    def price_of_moving(self, fiducials_mm: Array) -> float:
+        """Of a layout (N, 3), as it is asked: without what makes it smooth."""
+        if self.stay is None or not self.stay.cost_per_mm:
+            return 0.0
+        return self.stay.cost_per_mm * sum(float(np.linalg.norm(way)) for way in self.stay.ways(fiducials_mm))
 
 
 def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstraint, ...]:

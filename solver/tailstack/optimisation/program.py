@@ -11,8 +11,8 @@ The rules that a layout keeps are named rows of the programme: spacing, clearanc
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any, Literal, NamedTuple
 
@@ -72,6 +72,7 @@ LEARNT: dict[str, Any] = {
     "ipopt.limited_memory_max_history": 20,
     "ipopt.max_iter": 600,
 }
+GRID_MM = 1e-3  # that positions are written to: rounding moves none by as much
 SLACK = 50.0  # |log| of how far the quantile may be from the limit in the question without a limit
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
@@ -125,6 +126,7 @@ class Program:
     jacobian: Any
     gradient: Any
     expressions: dict[str, Any]  # x, p, f, g of the programme, for questions asked once
+    held: Mapping[int, float] = field(default_factory=dict)  # variables that do not change, and where they are
 
     @property
     def widths_at(self) -> slice:
@@ -177,10 +179,11 @@ class Program:
         if question == "least":
             high = low
         slack = [SLACK] if free else [0.0]
-        return (
-            np.concatenate([-extent[:split], low, -extent[split:], np.negative(slack)]),
-            np.concatenate([extent[:split], high, extent[split:], slack]),
-        )
+        lower = np.concatenate([-extent[:split], low, -extent[split:], np.negative(slack)])
+        upper = np.concatenate([extent[:split], high, extent[split:], slack])
+        for variable, value in self.held.items():
+            lower[variable] = upper[variable] = value
+        return lower, upper
 
     def pieces_of(self, choice: Choice) -> Array:
         """(Z,) the piece of the outside of each keep-out zone that each free fiducial is furthest into."""
@@ -206,6 +209,8 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
         ca.SX.sym(f"piece_{k}", len(outside_pieces(zone, problem.system.fiducials_mm[i])))
         for k, (zone, i) in enumerate(product(problem.keep_out, problem.free_fiducials))
     ]
+    if problem.stay is not None and problem.stay.cost_per_mm:
+        cost = ca.log(ca.exp(cost) + problem.stay.price_smoothly(design.points, ca.sqrt))
     rows, expressions = zip(
         *_quantile_rows(problem, terms, symbols, design),
         *_cost_row(problem, cost),
@@ -333,6 +338,19 @@ def _quantile_rows(
         )
 
 
+def rename_fiducials(
+    program: Program, terms: tuple[DemandTerms, ...], labels: tuple[str, ...], layout: Array
+) -> Program:
+    """The programme with other labels for its fiducials, and so other words; terms: its own, renamed."""
+    problem = replace(program.problem, system=replace(program.problem.system, fiducial_labels=labels))
+    choosers = [np.zeros(count) for count in program.piece_counts]
+    placed = (*geometric_rows(problem, terms, layout), *_keep_out_rows(problem, layout, choosers))
+    first = len(program.rows) - len(placed)
+    quantiles = (replace(row, text=term.demand.text) for row, term in zip(program.rows, terms, strict=False))
+    rows = (*quantiles, *program.rows[len(terms) : first], *(row for row, _ in placed))
+    return replace(program, problem=problem, terms=terms, rows=rows)
+
+
 def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[ConstraintRow, Any]]:
     if problem.cost_limit is not None:
         yield ConstraintRow("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
@@ -384,13 +402,15 @@ def solve(
     result = solver(**given)
     stats = solver.stats()
     x, objective = np.clip(result["x"].full().ravel(), lower, upper), float(result["f"])
+    bound_multipliers = result["lam_x"].full().ravel()
+    bound_multipliers[list(program.held)] = 0.0  # what is held presses on no bound of anybody
     if program.idle.size:
         x[program.idle] = upper[program.idle]  # the cost may fall too little on the way for the solver to go it
         objective = float(program.constraints(x, given["p"])[0])
     return Point(
         x=x,
         row_multipliers=result["lam_g"].full().ravel(),
-        bound_multipliers=result["lam_x"].full().ravel(),
+        bound_multipliers=bound_multipliers,
         objective=objective,
         solved=stats["return_status"] in SOLVED and bool(np.isfinite(x).all()),
         iterations=int(stats["iter_count"]),
@@ -438,7 +458,7 @@ def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array
 class ConstraintRow:
     """One constraint ``lower <= g <= upper`` and what it is about, in the user's words."""
 
-    kind: str  # quantile, cost, spacing, projected_spacing, image_gap, target_clearance, field, region, keep_out
+    kind: str  # quantile, cost, spacing, projected_spacing, image_gap, target_clearance, field, region, keep_out, stay
     text: str
     lower: float
     upper: float
@@ -461,6 +481,7 @@ def geometric_rows(problem: PlacementProblem, terms: tuple[DemandTerms, ...], po
         yield from _target_clearance(problem, terms, view, projection, image)
         yield from _field(problem, view, projection, homogeneous)
     yield from _regions(problem, points)
+    yield from _reach(problem, points)
 
 
 def _pairs(problem: PlacementProblem) -> Iterator[tuple[tuple[int, int], str]]:
@@ -545,6 +566,17 @@ def _regions(problem: PlacementProblem, points: ArrayLike) -> Rows:
             for face, expression, equal in inside_rows(place.region, points[i]):
                 text = f"{problem.system.fiducial_labels[i]} at the {face} of its region"
                 yield ConstraintRow("region", text, 0.0, 0.0 if equal else np.inf, (i,)), expression
+
+
+def _reach(problem: PlacementProblem, points: ArrayLike) -> Rows:
+    """Each fiducial in the ball about its place, less what rounding may add."""
+    if problem.stay is None or problem.stay.at_most_mm == np.inf:
+        return
+    most = problem.stay.at_most_mm
+    for i, way in zip(problem.stay.at_home, problem.stay.ways(points), strict=True):
+        if i in problem.free_fiducials:
+            text = f"{problem.system.fiducial_labels[i]} at the end of its way, {most:g} mm"
+            yield ConstraintRow("stay", text, 0.0, np.inf, (i,)), 1 - (way @ way) / (most - GRID_MM) ** 2
 
 
 def _keeps_anyway(problem: PlacementProblem, place: FreeFiducial, copy: int) -> bool:

@@ -19,6 +19,7 @@ from ..results import (
     FrontPoint,
     MovedFiducial,
     MovedPivot,
+    MovesValue,
     Optimisation,
     PlacementValue,
     ShadowPrice,
@@ -30,7 +31,7 @@ from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
-from .present import present_design, say_outside
+from .present import present_design, price_as_written, say_outside
 from .prices import cost_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
 from .request import OptimiseRequest, read_request
@@ -47,6 +48,7 @@ def report(
     counts: tuple[CountTried, ...],
     front: tuple[FrontPoint, ...],
     value: PlacementValue | None,
+    moves: MovesValue | None,
 ) -> Optimisation:
     """Costs and P95 are recomputed from the new document as written."""
     request, optimum = task.request, verified.optimum
@@ -61,7 +63,8 @@ def report(
     count_price = request.section.count.cost_per_fiducial if request.section.count is not None else 0.0
     cost_before += count_price * len(before_system.fiducial_labels)
     fiducials_cost = count_price * len(after_system.fiducial_labels)
-    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost
+    moving_cost = price_as_written(request, verified.design)
+    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost + moving_cost
     minimised = problem.objective != "quantile"
     p95_before_mm, p95_after_mm = find_p95_mm(request.design), max(p95_of(compile_design(verified.design), after.in_mm))
     certified = optimum.solution or verified.exact
@@ -102,7 +105,9 @@ def report(
         shadow_prices=_shadow_prices(verified),
         binding=()
         if solution is None
-        else name_binding(solution.program, solution.iterate.point, solution.iterate.parameters),
+        else name_binding(
+            solution.program, solution.iterate.point, solution.iterate.parameters, after_system.fiducial_labels
+        ),
         influence=(
             *remark_levers(request.problem, now),
             *(remark for remark in task.remarks if remark.rule != "no-lever"),
@@ -121,6 +126,8 @@ def report(
             if item.name not in {asked.name for asked in problem.requirements}
         ),
         provenance=verified.verification.provenance,
+        moves=moves,
+        moving_cost=moving_cost,
         as_it_stood=_say_as_it_stood(
             task, verified, (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
         ),
@@ -209,7 +216,10 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     plain = curves == {"power"} and {free.price.exponent for free in problem.half_widths} == {1.0}
     made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
     fiducials = ", fiducials included" if request.section.count and request.section.count.cost_per_fiducial else ""
-    return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
+    moving = ""
+    if problem.stay is not None and problem.stay.cost_per_mm:
+        moving = f", and {problem.stay.cost_per_mm:g} for each mm that a fiducial moves"
+    return f"least cost ({made_of} over {count} free tolerances{fiducials}{moving}) with {limits}"
 
 
 def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
@@ -237,10 +247,12 @@ def _largest(verified: VerifiedOptimum) -> float:
 def _list_moves(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
     """Free fiducials in the order of the new design, then those left out."""
     old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
-    free = [problem.system.fiducial_labels[i] for i in problem.free_fiducials]
+    free = {problem.system.fiducial_labels[i] for i in problem.free_fiducials}
     new = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
     entries = [
-        MovedFiducial(label, vector3(old[label]) if label in old else None, vector3(new[label])) for label in free
+        MovedFiducial(label, vector3(old[label]) if label in old else None, vector3(new[label]))
+        for label in new
+        if label in free
     ]
     return (*entries, *(MovedFiducial(label, vector3(old[label]), None) for label in old if label not in new))
 

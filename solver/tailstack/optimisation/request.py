@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, degrees, floor, log10, radians
+from math import ceil, degrees, floor, inf, log10, radians
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ..design.optimise_document import (
     SearchBall,
     SearchBox,
     SearchCylinder,
+    Stay,
     Survive,
     Symmetry,
     TranslationBounds,
@@ -27,6 +29,7 @@ from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
 from ..measures import MEASURE, POINTS
 from ..system import ROTATIONS, TRANSLATIONS, Requirement, System
+from .matching import list_places, match
 from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
 from .problem import (
     MOST_FIDUCIALS,
@@ -34,6 +37,7 @@ from .problem import (
     Choice,
     FreeFiducial,
     FreeHalfWidth,
+    Homes,
     PivotVariable,
     PlacementProblem,
     Survival,
@@ -42,6 +46,7 @@ from .problem import (
 from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
 
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
+STAYS_MM = 1e-3  # what rounding alone has moved is where it was
 WIDTH_DECIMALS = 6  # degrees and mm, rounded down
 AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
 
@@ -100,6 +105,8 @@ def read_request(design: Design) -> OptimiseRequest:
         image_margin_px=section.image_margin_px,
         target_clearance_px=section.target_clearance_px,
     )
+    if section.stay is not None:
+        problem = replace(problem, stay=_stay(section.stay, system, system.fiducial_labels))
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
     return OptimiseRequest(design, section, problem, any(free.price.curve == "grades" for free in half_widths))
@@ -113,6 +120,13 @@ def _requirements(system: System, named: str | list[str] | None) -> tuple[Requir
 def _survival(wanted: Survive, problem: PlacementProblem) -> Survival:
     names = tuple(target.name for target in problem.targets)
     return Survival(wanted.lost, Requirement("survive", POINTS[0].name, 0.95, wanted.limit_mm, 0.95, names))
+
+
+def _stay(wanted: Stay, before: System, labels: Sequence[str]) -> Homes:
+    """Of fiducials by their labels; those that the design does not have are new."""
+    homes = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
+    home_mm = np.array([homes.get(label, np.full(3, np.nan)) for label in labels])
+    return Homes(frozen(home_mm), wanted.cost_per_mm or 0.0, wanted.at_most_mm or inf)
 
 
 def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:
@@ -264,7 +278,8 @@ def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
         fiducials_mm=frozen(positions),
         manufacturing_half_width_mm=frozen(made),
     )
-    return replace(problem, system=system, places=_places(system, section))
+    stay = None if section.stay is None else _stay(section.stay, problem.system, labels)
+    return replace(problem, system=system, places=_places(system, section), stay=stay)
 
 
 def list_counts(request: OptimiseRequest) -> tuple[int, ...]:
@@ -291,9 +306,37 @@ def list_counts(request: OptimiseRequest) -> tuple[int, ...]:
     return tried
 
 
+def label_places(request: OptimiseRequest, problem: PlacementProblem, layout: Array) -> tuple[str, ...]:
+    """(N,) labels of a layout of the problem: each of the design's is where its fiducial moves least in all.
+
+    What no view lists apart, and what has no loss probability of its own, may stand for one another.
+    """
+    points = request.design.document.fiducials.points or ()
+    losses = {label: own.loss_probability for label, own in zip(request.design.fiducials.labels, points, strict=False)}
+    before, labels = request.problem.system, problem.system.fiducial_labels
+    matched = match(
+        list_places(problem, layout, [losses.get(label) for label in labels]),
+        list_places(request.problem, before.fiducials_mm, [losses.get(label) for label in before.fiducial_labels]),
+        inf if problem.stay is None else problem.stay.at_most_mm,
+    )
+    new = (label for label in labels if label not in before.fiducial_labels)
+    free = set(problem.free_fiducials)
+    return tuple(
+        before.fiducial_labels[matched[i]] if i in matched else next(new) if i in free else label
+        for i, label in enumerate(labels)
+    )
+
+
+def in_order(request: OptimiseRequest, labels: tuple[str, ...]) -> list[int]:
+    """Where each label stands in the order of the document, new ones last."""
+    known = request.design.fiducials.labels
+    return sorted(range(len(labels)), key=lambda i: known.index(labels[i]) if labels[i] in known else len(known) + i)
+
+
 def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) -> Design:
     """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
-    fiducials = _round_positions(problem, choice)
+    order = in_order(request, problem.system.fiducial_labels)
+    fiducials = _round_positions(problem, choice)[order]
     widths = {
         (free.contributor, free.component): round_down(
             float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None
@@ -303,7 +346,7 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
     return revise_design(
         request.design,
         Revision(
-            labels=problem.system.fiducial_labels,
+            labels=[problem.system.fiducial_labels[i] for i in order],
             fiducials_mm=fiducials if problem.places else None,
             half_width=widths,
             pivot_mm={
@@ -325,6 +368,9 @@ def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:
             if isinstance(place.region, BoxRegion) and not problem.symmetry:
                 index = place.fiducials[0]
                 fiducials[index] = np.clip(fiducials[index], place.region.low_mm, place.region.high_mm)
+        if (homes := problem.stay) is not None:
+            near = np.linalg.norm(fiducials - homes.home_mm, axis=1) < STAYS_MM
+            fiducials = np.where(near[:, None], homes.home_mm, fiducials)
         if smallest_gap(fiducials, free) >= problem.min_spacing_mm:
             break
     return fiducials

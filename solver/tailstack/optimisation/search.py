@@ -30,11 +30,20 @@ from .exact_law import (
     no_correction,
 )
 from .explain import explain_infeasible, refuse_geometry, relax_rules
+from .matching import take_nearest
 from .present import bring_inside
-from .problem import Choice, PlacementProblem, least_half_widths, present_choice, width_bounds
+from .problem import (
+    SMOOTH_MM,
+    Choice,
+    Homes,
+    PlacementProblem,
+    least_half_widths,
+    present_choice,
+    width_bounds,
+)
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
-from .starts import starting_layouts
+from .starts import clip_to_regions, starting_layouts
 from .terms import DemandTerms, every_terms, is_singular
 
 POLISHED = 3  # best explored points that are solved to full precision
@@ -42,6 +51,8 @@ ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called 
 STEERING = 6  # demands whose error the starting layouts are improved for
 LEADING = 0.97  # of the largest quantile over its limit: a demand that near may bind
 MANY_DEMANDS = 3  # beyond this only those that bind somewhere enter the programme
+REACHED = 0.9  # of how far a fiducial may move, where a start would have it further
+UNMOVED_MM = 10 * SMOOTH_MM  # a way that short is given up: from there on the smooth price is as steep as the true one
 POLL_SECONDS = 0.1  # how soon a wish to stop is noticed
 NEAR = 0.05  # in logarithm: a design as good as that is worth a search from where it stands
 TINY = 1e-7  # in logarithm: what one solve and another differ by
@@ -150,6 +161,8 @@ def prepare_search(
     """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
     terms = every_terms(problem)
     layouts = starting_layouts(problem, farthest(problem, terms), starts, seed, control.reporter("layout"))
+    if problem.stay is not None:
+        layouts = [_within_reach(problem, problem.stay, take_nearest(problem, layout)) for layout in layouts]
     active = terms
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
@@ -165,6 +178,35 @@ def prepare_search(
     if is_singular(problem.system, layouts[0]):
         return prepared
     return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))
+
+
+def _within_reach(problem: PlacementProblem, homes: Homes, layout: Array) -> Array:
+    """A layout (N, 3) with what is further from its place than it may move pulled back, within its region."""
+    ways = np.nan_to_num(layout - homes.home_mm)
+    lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+    over = np.maximum(lengths / (REACHED * homes.at_most_mm), 1.0) - 1.0
+    return clip_to_regions(problem, layout - ways * over / (1.0 + over)) if over.any() else layout
+
+
+def hold_unmoved(search: Search) -> Search:
+    """The best point with every fiducial that only the roundness of the price has moved held in its place, the others
+    solved for again; each place is taken by whichever fiducial is nearest."""
+    program, homes = search.program, search.program.problem.stay
+    if homes is None or not homes.cost_per_mm:
+        return search
+    item, problem = search.iterates[0], program.problem
+    choice = program.split(item.point.x)
+    layout = take_nearest(problem, choice.fiducials_mm)
+    near = np.linalg.norm(np.nan_to_num(layout - homes.home_mm, nan=inf), axis=1) <= UNMOVED_MM
+    x = program.join(replace(choice, fiducials_mm=np.where(near[:, None], homes.home_mm, layout)), item.point.x[-1])
+    still = [g for g, place in enumerate(problem.places) if near[list(place.fiducials)].all()]
+    held = {3 * g + k: float(x[3 * g + k]) for g in still for k in range(3)}
+    program = replace(program, held=held)
+    point = solve(program, x, item.parameters)
+    if not point.solved:
+        return search
+    point = solve(program, point.x, item.parameters, warm=point)
+    return replace(search, program=program, iterates=(Iterate(point, item.parameters), *search.iterates[1:]))
 
 
 def _prepare(
@@ -438,6 +480,7 @@ def with_demands(search: Search, point: Point, ratios: Array, least: float) -> S
         if ratio > least * LEADING or term.demand.key in inside
     )
     program = build_program(search.program.problem, active, len(search.program.explore))
+    program = replace(program, held=search.program.held)
     layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.iterates[1:]))]
     again = explore(program, search.terms, layouts)
     return replace(

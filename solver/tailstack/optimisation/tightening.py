@@ -22,8 +22,10 @@ from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
 from .present import bring_inside, merit_of, present_design
 from .problem import PlacementProblem, Survival, present_choice, targets_of
-from .request import OptimiseRequest, revise
+from .program import rename_fiducials
+from .request import OptimiseRequest, label_places, revise
 from .search import Control, Search
+from .terms import DemandTerms
 
 MAX_TIGHTENING = 6
 MORE = 4  # times the trials for a check that leaves a limit open: half the interval decides nearly all of them
@@ -81,16 +83,17 @@ def tighten(
             optimum = settle_grades(search, aims, control.stop)
         else:
             optimum = Optimum.of(settle(search, aims, start if optimum is None else optimum.solution))
-        design = revise(request, problem, optimum.choice)
-        check = _check_optimum(search, optimum, design, settings, attempt, trials, control)
+        own, named = _label(request, search, optimum)
+        design = revise(request, named.problem, named.choice)
+        check = _check_optimum(own, named, design, settings, attempt, trials, control)
         reached = max(optimum.ratios) if problem.objective == "quantile" else optimum.cost
         control.report(settings.stage, attempt + 1, MAX_TIGHTENING, reached)
         if check.passes:
-            return VerifiedOptimum(search, optimum, design, check.verification, attempt, survived=check.survived)
+            return VerifiedOptimum(own, named, design, check.verification, attempt, survived=check.survived)
         if problem.objective == "quantile":
             raise _explain_miss(optimum, check.checks, problem)
         aims = np.minimum(aims, optimum.ratios)
-        aims = aims * np.array([_tightening(check.checks[term.demand.subject], attempt) for term in search.terms])
+        aims = aims * np.array([_tightening(check.checks[term.demand.subject], attempt) for term in own.terms])
     failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
     raise NotConvergedError(
         Problem(
@@ -103,6 +106,24 @@ def tighten(
     )
 
 
+def _label(request: OptimiseRequest, search: Search, optimum: Optimum) -> tuple[Search, Optimum]:
+    """The same with every label where its fiducial moves least in all; nothing else changes."""
+    layout, system = optimum.choice.fiducials_mm, optimum.problem.system
+    labels = label_places(request, optimum.problem, layout)
+    other = dict(zip(system.fiducial_labels, labels, strict=True))
+
+    def rename(terms: tuple[DemandTerms, ...]) -> tuple[DemandTerms, ...]:
+        lost = (tuple(other[label] for label in term.demand.lost) for term in terms)
+        return tuple(replace(t, demand=replace(t.demand, lost=own)) for t, own in zip(terms, lost, strict=True))
+
+    solution, whole = optimum.solution, replace(optimum.problem, system=replace(system, fiducial_labels=labels))
+    if solution is not None:
+        program = rename_fiducials(solution.program, rename(solution.program.terms), labels, layout)
+        solution = replace(solution, problem=program.problem, program=program)
+    search = replace(search, program=replace(search.program, problem=whole), terms=rename(search.terms))
+    return search, replace(optimum, problem=whole, solution=solution)
+
+
 def check_present(
     request: OptimiseRequest, search: Search, settings: CheckSettings, best: float, control: Control
 ) -> VerifiedOptimum | None:
@@ -112,7 +133,7 @@ def check_present(
     if problem.objective != "quantile" and merit_of(request, problem, inside, ()) >= best:
         return None  # before anything is evaluated
     here = present_design(problem)
-    cost = problem.cost(here.choice.half_width) if problem.half_widths else 0.0
+    cost = problem.price_of(here.choice) if problem.half_widths else 0.0
     if not here.may_keep(settings.limits):
         return None
     if merit_of(request, problem, here.choice, here.ratios) >= best:

@@ -6,6 +6,8 @@ from .optimisation import FrontPoint as FrontPoint
 from .optimisation import LocalOptimum as LocalOptimum
 from .optimisation import MovedFiducial as MovedFiducial
 from .optimisation import MovedPivot as MovedPivot
+from .optimisation import MovesValue as MovesValue
+from .optimisation import MoveValue as MoveValue
 from .optimisation import Optimisation as Optimisation
 from .optimisation import PlacementValue as PlacementValue
 from .optimisation import Relaxation as Relaxation

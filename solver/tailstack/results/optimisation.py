@@ -304,6 +304,39 @@ class PlacementValue:
     """The comparison as a sentence."""
 
 
+@dataclass(frozen=True, slots=True)
+class MoveValue:
+    """What it buys to move one fiducial, or one group of a symmetry, and no other."""
+
+    label: str
+    """Label of the fiducial; of a group all of them."""
+    objective: float | None
+    """Objective with it alone moved and everything else optimised; null: what is asked for cannot be kept so."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovesValue:
+    """What moving fiducials buys beyond leaving them where they are, everything else optimised alike.
+
+    Objectives are by the closed form: the cost, or the largest quantile over its limit; what moving costs is in them.
+    """
+
+    left: float | None
+    """Objective with all fiducials where they stand; null: what is asked for cannot be kept so."""
+    moved: float
+    """Objective with all of them where the new design has them."""
+    alone: tuple[MoveValue, ...]
+    """Each moved alone; empty where moving buys next to nothing, or everything."""
+    needed: tuple[str, ...]
+    """The fewest found whose moves keep nine tenths of what all buy."""
+    kept: float | None
+    """The part that they keep; null without them."""
+    evaluations: int
+    """Optima that were solved for to find that."""
+    sentence: str
+    """The same as a sentence."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Optimisation(Result):
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
@@ -323,7 +356,9 @@ class Optimisation(Result):
     cost_after: float
     """Cost of the new design, that of a view that was added included."""
     cost_closed_form: float | None
-    """Cost of the half-widths by the smooth closed form that drives the search; null where no cost is minimised."""
+    """Cost of the half-widths, and of moving where that has a price, by the smooth closed form that drives the search;
+    null where no cost is minimised.
+    """
     cost_exact_law: float | None
     """Cost of the optimum by the exact law at the limit itself, before the check's margin, what fiducials and a view
     that was added cost included; null where no cost is minimised.
@@ -370,6 +405,10 @@ class Optimisation(Result):
     """How the views of `optimise.views` were aimed; null where none was free. All else holds for the views so aimed."""
     view_offer: ViewOffer | None = None
     """What became of a view that `optimise.views` may add at a price; null where it names none."""
+    moves: MovesValue | None = None
+    """What moving fiducials buys; null where none moved or their number changed, with grades, and beyond 20 of them."""
+    moving_cost: float = 0.0
+    """The part of `cost_after` that moving fiducials costs by `optimise.stay`; 0 where that asks no price."""
     as_it_stood: str = ""
     """Where the design as it stood lies outside of what was asked for, by how much and what that changes; or why it is
     no answer although it has less of what was minimised; or that it is kept. Empty: a better one was found.
@@ -489,6 +528,22 @@ def moved_table(optimisation: Optimisation) -> Table:
     columns = _position_columns("Fiducial", "fiducial,\nin con", "left out")
     note = "Before empty: new; after empty: left out."
     return _positions("Fiducials", "Fiducials that could move, frame con", columns, optimisation.moved, note)
+
+
+def alone_table(moves: MovesValue) -> Table:
+    """What each move buys alone."""
+    left = moves.left
+
+    def share(entry: MoveValue) -> float | None:
+        return None if left is None or entry.objective is None else (left - entry.objective) / (left - moves.moved)
+
+    columns = (
+        Column("Fiducial", of=attrgetter("label")),
+        Column("Objective, moved alone", "", "significant", 4, of=attrgetter("objective")),
+        Column("Of what all moves buy", "%", "percent", 0, of=share),
+        Column("Among the fewest", of=lambda entry: "yes" if entry.label in moves.needed else ""),
+    )
+    return tabulate("Moves", "What each move buys alone", columns, moves.alone)
 
 
 def pivots_table(optimisation: Optimisation) -> Table:
