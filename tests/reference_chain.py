@@ -17,6 +17,7 @@ from tailstack.estimation.resection import homogeneous, project
 from tailstack.estimation.triangulation import triangulate
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import RotationForm
+from tailstack.montecarlo.plan import ChainPlan
 from tailstack.system import Reading, System, Target, Triangulation, View
 
 
@@ -92,6 +93,25 @@ def tilt(view: View, images: Array, turns: Array) -> Array:
     by_u = (meet(step, 0.0) - meet(-step, 0.0)) / (2 * step)
     by_v = (meet(0.0, step) - meet(0.0, -step)) / (2 * step)
     return by_u * turns[0] + by_v * turns[1]
+
+
+def inputs_of(plan: ChainPlan, z: Array, place: int) -> dict[str, Array]:
+    """What deviates (d,) of a trial are in native units, as ``run`` takes them, for the target at a place."""
+    system, inputs = plan.system, {}
+    scales = {effect.name: effect.sources for effect in (*system.links, *system.effects)}
+    for block in plan.blocks:
+        values = z[block.start : block.stop]
+        if block.name in scales:
+            inputs[block.name] = values * scales[block.name].half_width / scales[block.name].coverage_factor
+        elif block.name == "fiducial_manufacturing":
+            inputs[block.name] = values * system.manufacturing_half_width_mm.ravel()
+        else:
+            view = next(v for v in system.views if block.name.endswith(f":{v.name}"))
+            if block.name.startswith("fiducial_noise"):
+                inputs[block.name] = values * view.fiducial_noise_px
+            else:
+                inputs[block.name] = values[2 * place : 2 * place + 2] * view.target_noise_px
+    return inputs
 
 
 def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:

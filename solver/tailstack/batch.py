@@ -39,7 +39,6 @@ from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, do
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
-from .measures import metrics_at
 from .propagation.columns import Imaging, assemble_after, shift_together
 from .propagation.linear import (
     LinearModel,
@@ -611,7 +610,7 @@ class _RowLoop:
         system, joints = self.batch.system, np.zeros((len(self.metrics), len(targets), 3, 6))
         moved = [replace(target, position_mm=at) for target, at in zip(system.targets, targets, strict=True)]
         places = {target.name: t for t, target in enumerate(moved)}
-        for metric in metrics_at(moved, system.T_tcp_con):
+        for metric in replace(system, targets=tuple(moved)).metrics:
             if metric.key in self.metrics:
                 for name, weights in metric.site.weights.items():
                     joints[self.metrics.index(metric.key), places[name]] = weights

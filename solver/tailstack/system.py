@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from .geometry.arrays import Array, frozen
 from .geometry.rotation import RotationForm
 from .levels import Drawn, level_of
-from .measures import Metric, derived_at, metrics_at
+from .measures import Metric, derived_of, metrics_of
+from .measures.measure import MeasuredBody
 from .statistic import STATISTIC, Statistic
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
@@ -532,6 +533,9 @@ class System:
     manufacturing_drawn: Drawn = Drawn.UNIT
     assumed: tuple[str, ...] = ()  # pointers of values that nobody stated
     title_block: Mapping[str, Any] | None = None  # under which number it is kept, and who answers for it
+    asked: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
+    """Names of the targets that each requirement on a measure names, by the name of the measure."""
+    bodies: tuple[MeasuredBody, ...] = ()
 
     @property
     def interfaces(self) -> tuple[DirectEffect, DirectEffect]:
@@ -606,12 +610,12 @@ class System:
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """Every measure wherever it is read."""
-        return metrics_at(self.targets, self.T_tcp_con)
+        return metrics_of(self)
 
     @property
     def derived_metrics(self) -> tuple[Metric, ...]:
         """The last of ``metrics``: of what is made of the errors at targets."""
-        return derived_at(self.targets, self.T_tcp_con)
+        return derived_of(self)
 
     @property
     def T_tcp_con(self) -> Array:

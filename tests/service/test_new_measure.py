@@ -16,6 +16,7 @@ from page_in_node import in_node
 from service_scenes import ROOT
 
 from family import run_python
+from tailstack.measures import MEASURE
 from waiting import LIMIT_SECONDS
 
 AXIS_ANGLE = '''"""The angle between an axis as planned and as executed."""
@@ -29,11 +30,11 @@ import numpy as np
 from .measure import Measure, Site
 
 
-def sites(targets, to_tcp):
+def sites(design):
     """From each target to the next."""
     found = []
-    for start, end in pairwise(targets):
-        line = to_tcp[:3, :3] @ (end.position_mm - start.position_mm)
+    for start, end in pairwise(design.targets):
+        line = design.T_tcp_con[:3, :3] @ (end.position_mm - start.position_mm)
         length = np.linalg.norm(line)
         across = np.rad2deg((np.eye(3) - np.outer(line, line) / length**2) / length)
         weights = np.hstack([across, np.zeros((3, 3))])
@@ -292,7 +293,7 @@ def test_losses_batch_sweep_derivative_and_units_know_it(variables: dict[str, st
 def test_it_is_limited_in_its_own_unit(copy: subprocess.Popen[str], tmp_path: Path) -> None:
     schema = json.loads(tailstack(copy, tmp_path, "schema", "design"))
     (fields,) = [each["properties"] for each in schema["$defs"].values() if "limit_deg" in each.get("properties", ())]
-    assert fields["error"]["enum"] == ["tcp", "localisation", "lateral", "axial", "angle", "axis_angle"]
+    assert sorted(fields["error"]["enum"]) == sorted([*MEASURE, "axis_angle"])
     assert fields["error"]["x-limited-by"]["axis_angle"] == "limit_deg"
     assert "limit_deg" in refusal(copy, tmp_path, "validate", str(designed(tmp_path, limit_mm=1.0)))
     alone = str(designed(tmp_path, limit_deg=0.6, targets=["tip"]))

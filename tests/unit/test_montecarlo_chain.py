@@ -185,28 +185,9 @@ def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
     plan = compile_plan(system)
     z = draw(plan, 11, np.arange(3))
     errors = evaluate(plan, z)
-    scales = {
-        "structure_connector": system.structure_connector.sources,
-        "connector_flange": system.connector_flange.sources,
-        "hand_eye": system.hand_eye.sources,
-        "execution": system.execution.sources,
-    }
-    scales |= {effect.name: effect.sources for effect in system.effects}
     for trial in range(3):
         for place, goal in enumerate(system.targets):
-            inputs = {}
-            for block in plan.blocks:
-                values = z[trial, block.start : block.stop]
-                if block.name in scales:
-                    inputs[block.name] = values * scales[block.name].half_width / scales[block.name].coverage_factor
-                elif block.name == "fiducial_manufacturing":
-                    inputs[block.name] = values * system.manufacturing_half_width_mm.ravel()
-                else:
-                    view = next(v for v in system.views if block.name.endswith(f":{v.name}"))
-                    if block.name.startswith("fiducial_noise"):
-                        inputs[block.name] = values * view.fiducial_noise_px
-                    else:
-                        inputs[block.name] = values[2 * place : 2 * place + 2] * view.target_noise_px
+            inputs = reference_chain.inputs_of(plan, z[trial], place)
             expected = reference_chain.run(system, goal, inputs)
             np.testing.assert_allclose(errors[trial, place, 0], expected["tcp"], rtol=1e-8, atol=1e-9)
             np.testing.assert_allclose(errors[trial, place, 1], expected["localisation"], rtol=1e-8, atol=1e-9)

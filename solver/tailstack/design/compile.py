@@ -6,6 +6,7 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
@@ -20,8 +21,8 @@ from ..geometry.arrays import Array, frozen
 from ..geometry.camera import depths
 from ..geometry.naming import direction_name, point_name
 from ..levels import Drawn
-from ..measures import MEASURE, Metric, metrics_at
-from ..measures.measure import DRAWN_ANEW
+from ..measures import MEASURE, Metric
+from ..measures.measure import DRAWN_ANEW, MeasuredBody
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
@@ -88,10 +89,12 @@ def _compile(design: Design) -> System:
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
     tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)
-    metrics = metrics_at(targets, tcp_flange @ flange_con)
     half_width = np.empty(fiducials.shape)
     half_width[:] = 0.0 if made is None else made.half_width_mm
-    return System(
+    groups = {body.name: tuple(body.targets) for body in document.bodies}
+    named = [named_samples(item, samples, groups) for item in document.requirements]
+    asked = [(item.error, tuple(names)) for item, names in zip(document.requirements, named, strict=True)]
+    system = System(
         design_sha256=design.sha256,
         name=document.name,
         views=views,
@@ -108,9 +111,11 @@ def _compile(design: Design) -> System:
         hand_eye=_hand_eye(document.execution.hand_eye),
         execution=_execution(document.execution),
         targets=targets,
-        requirements=tuple(
-            [_requirement(item, f"/requirements/{k}", samples, metrics) for k, item in enumerate(document.requirements)]
+        requirements=(),
+        bodies=tuple(
+            [MeasuredBody(body.name, groups[body.name], groups.get(body.against or "", ())) for body in document.bodies]
         ),
+        asked={error: tuple(names for each, names in asked if each == error) for error, _ in asked},
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
         estimator=document.model.estimator,
@@ -121,6 +126,12 @@ def _compile(design: Design) -> System:
         notes=tuple(notes),
         assumed=list_assumed(design.source.data),
         title_block=None if document.document is None else document.document.model_dump(),
+    )
+    metrics = system.metrics
+    listed = enumerate(zip(document.requirements, named, strict=True))
+    return replace(
+        system,
+        requirements=tuple([_requirement(item, f"/requirements/{k}", names, metrics) for k, (item, names) in listed]),
     )
 
 
@@ -216,13 +227,19 @@ def loss_probabilities(fiducials: Fiducials, count: int) -> tuple[float, ...]:
 # --- targets ----------------------------------------------------------------------------------------
 
 
-def _requirement(
-    item: RequirementDocument, pointer: str, samples: dict[str, tuple[Target, ...]], metrics: tuple[Metric, ...]
-) -> Requirement:
-    wanted = [targets for name, targets in samples.items() if item.targets == "all" or name in item.targets]
-    names = {sample.name for sample in chain.from_iterable(wanted)}
+def named_samples(
+    item: RequirementDocument, samples: dict[str, tuple[Target, ...]], bodies: dict[str, tuple[str, ...]]
+) -> list[str]:
+    """Names of the targets that a requirement names, samples of regions and targets of bodies by themselves."""
+    each = {name: [target.name for target in targets] for name, targets in samples.items()}
+    of_bodies = chain.from_iterable(bodies[name] for name in bodies if name in item.targets)
+    wanted = {name for name in each if item.targets == "all" or name in item.targets} | set(of_bodies)
+    return list(chain.from_iterable(names for name, names in each.items() if name in wanted))
+
+
+def _requirement(item: RequirementDocument, pointer: str, names: list[str], metrics: tuple[Metric, ...]) -> Requirement:
     own = (metric.site for metric in metrics if metric.measure.name == item.error)
-    sites = tuple([site.name for site in own if names.issuperset(site.weights)])
+    sites = tuple([site.name for site in own if site.name in item.targets or set(names).issuperset(site.weights)])
     if not sites:
         detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
         raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, f"it takes {MEASURE[item.error].needs}"))

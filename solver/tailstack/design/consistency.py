@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import chain, product
+from math import comb
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     problems += find_duplicates([view.name for view in document.views], "/views/{}/name".format, "views")
     named = [target.name for target in document.targets]
     problems += find_duplicates(named, "/targets/{}/name".format, "targets")
-    problems += _expanded_names(document.targets)
+    problems += _expanded_names(document.targets) + _bodies(document)
     for index, target in enumerate(document.targets):
         if target.entry is not None:
             points = [t.name for t in document.targets if t.position_mm not in (None, target.position_mm)]
@@ -54,7 +55,13 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
             problems += _preset(view, f"/views/{index}")
     for index, requirement in enumerate(document.requirements):
         if requirement.targets != "all":
-            problems += check_entries(f"/requirements/{index}/targets", "target", requirement.targets, named)
+            known = [*named, *(body.name for body in document.bodies)]
+            problems += check_entries(f"/requirements/{index}/targets", "target", requirement.targets, known)
+        if requirement.error == "point_to_point":
+            every = requirement.targets == "all"
+            sizes = [sample_count(t) for t in document.targets if every or t.name in requirement.targets]
+            distances = comb(sum(sizes), 2)
+            problems += _too_many(f"/requirements/{index}/targets", "distances between them", distances, limits.targets)
     problems += _estimator(document)
     hosts: dict[Host, Sequence[Record]] = {
         "design": [document],
@@ -114,6 +121,28 @@ def _expanded_names(targets: Sequence[TargetDocument]) -> list[Problem]:
         for i, t in enumerate(targets)
         if t.name in samples
     ]
+
+
+def _bodies(document: DesignDocument) -> list[Problem]:
+    """Bodies have names of their own, and targets that are points, three of them not on one line."""
+    points = {target.name: target.position_mm for target in document.targets if target.position_mm is not None}
+    taken = list(dict.fromkeys(target.name for target in document.targets))
+    names = [body.name for body in document.bodies]
+    problems = find_duplicates([*taken, *names], lambda k: f"/bodies/{k - len(taken)}/name", "targets or bodies")
+    for index, body in enumerate(document.bodies):
+        pointer = f"/bodies/{index}"
+        unknown = check_entries(f"{pointer}/targets", "target with position_mm", body.targets, list(points))
+        problems += unknown
+        if body.against is not None:
+            others = [name for name in names if name != body.name]
+            problems += find_unknown(f"{pointer}/against", "other body", body.against, others)
+        if not unknown:
+            centred = np.array([points[name] for name in body.targets])
+            spread = np.linalg.svd(centred - centred.mean(axis=0), compute_uv=False)
+            if spread[1] <= 1e-3 * spread[0]:
+                detail = f"the targets of {body.name} lie on a line: its rotation about it is not known"
+                problems.append(Problem(f"{pointer}/targets", "free-motion", detail, "add one beside it"))
+    return problems
 
 
 def _preset(view: PresetView, pointer: str) -> list[Problem]:

@@ -808,6 +808,20 @@ class TargetDocument(Record):
         return self
 
 
+class Body(Record):
+    """A rigid body that is known by targets: an implant or a bone by its markers."""
+
+    name: Name = Field(description="Name, unique among targets and bodies.", examples=["implant"])
+    targets: Annotated[list[Name], Field(min_length=3)] = Field(
+        description="Names of three targets or more with position_mm, not on one line.", examples=[["m1", "m2", "m3"]]
+    )
+    against: Name | None = Field(
+        default=None,
+        description="Name of another body: errors are those of the motion against it. Absent: against the frame tcp.",
+        examples=["bone"],
+    )
+
+
 class RequirementDocument(Record):
     """What the design promises."""
 
@@ -850,7 +864,9 @@ class RequirementDocument(Record):
         examples=[0.95],
     )
     targets: Literal["all"] | Annotated[list[Name], Field(min_length=1)] = Field(
-        default="all", description="all, or a list of names of targets and regions. Default all.", examples=["all"]
+        default="all",
+        description="all, or a list of names of targets, regions and bodies. Default all.",
+        examples=["all"],
     )
     risk: RiskName = Field(
         default="pooled",
@@ -976,7 +992,7 @@ class DocumentTitle(Record):
         return self
 
 
-@with_sections("design", document=None, assumed=[])
+@with_sections("design", document=None, assumed=[], bodies=[])
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -1013,6 +1029,9 @@ class DesignDocument(_Design):
 
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
+    )
+    bodies: list[Body] = Field(
+        default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
     model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")

@@ -6,14 +6,10 @@ for them here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from . import angle, axial, lateral, localisation, tcp
-from .measure import Measure, Site
-
-if TYPE_CHECKING:
-    from .measure import Array, MeasuredTarget
+from . import angle, axial, component, lateral, localisation, point_to_point, rigid_body, tcp
+from .measure import Measure, Measured, Site
 
 MEASURES: tuple[Measure, ...] = (
     tcp.MEASURE,
@@ -21,6 +17,9 @@ MEASURES: tuple[Measure, ...] = (
     lateral.MEASURE,
     axial.MEASURE,
     angle.MEASURE,
+    *component.MEASURES,
+    point_to_point.MEASURE,
+    *rigid_body.MEASURES,
 )
 POINTS = MEASURES[:2]  # the errors at one target, in the order in which the simulation has them
 MEASURE = {measure.name: measure for measure in MEASURES}
@@ -44,14 +43,13 @@ class Metric(NamedTuple):
         return self.site.name, self.measure.name
 
 
-def metrics_at(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Metric, ...]:
-    """Every measure wherever it is read: ``POINTS`` target by target, then the others.  to_tcp (4, 4) from con."""
-    of_points = zip(*(measure.sites(targets, to_tcp) for measure in POINTS), strict=True)
+def metrics_of(design: Measured) -> tuple[Metric, ...]:
+    """Every measure wherever it is read: ``POINTS`` target by target, then the others."""
+    of_points = zip(*(measure.sites(design) for measure in POINTS), strict=True)
     points = [Metric(*each) for sites in of_points for each in zip(POINTS, sites, strict=True)]
-    return (*points, *derived_at(targets, to_tcp))
+    return (*points, *derived_of(design))
 
 
-def derived_at(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Metric, ...]:
-    """Of ``metrics_at`` those of other measures than ``POINTS``, which are the last."""
-    others = MEASURES[len(POINTS) :]
-    return tuple(Metric(measure, site) for measure in others for site in measure.sites(targets, to_tcp))
+def derived_of(design: Measured) -> tuple[Metric, ...]:
+    """Of ``metrics_of`` those of other measures than ``POINTS``, which are the last."""
+    return tuple(Metric(measure, site) for measure in MEASURES[len(POINTS) :] for site in measure.sites(design))

@@ -6,21 +6,21 @@ for each.  To first order an angle is what the ends differ by across the axis, o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from .measure import DRAWN_ANEW, Measure, MeasuredTarget, Site, list_directed
+from .measure import DRAWN_ANEW, Measure, Measured, Site, degrees_between, list_directed
 
 if TYPE_CHECKING:
     from .measure import Array, Exact
 
 
-def list_sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
+def list_sites(design: Measured) -> tuple[Site, ...]:
     """Of each target with an entry."""
     import numpy as np
 
     found = []
-    for target, entry, axes in list_directed(targets, to_tcp):
+    for target, entry, axes in list_directed(design):
         if entry is not None:
             length = float(np.linalg.norm(target.position_mm - entry.position_mm))
             weights = np.zeros((3, 6))
@@ -31,7 +31,7 @@ def list_sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, 
 
 
 def _turn(ends: tuple[str, str], axes: Array, length_mm: float) -> Exact:
-    """The angle itself, across the axis, deg; by sums and square roots alone, which are alike on every processor."""
+    """The angle itself, across the axis, deg."""
 
     def turn(errors: Mapping[str, Array]) -> Array:
         import numpy as np
@@ -39,13 +39,7 @@ def _turn(ends: tuple[str, str], axes: Array, length_mm: float) -> Exact:
         between = (errors[ends[1]] - errors[ends[0]])[:3] / length_mm
         ahead, *across = ((axis[:, None] * between).sum(axis=0) for axis in axes)
         size = np.sqrt(across[0] ** 2 + across[1] ** 2)
-        tangent = size / (np.sqrt(size**2 + (1 + ahead) ** 2) + (1 + ahead))  # of half the angle
-        for _ in range(4):
-            tangent = tangent / (1 + np.sqrt(1 + tangent**2))
-        square, series = tangent**2, 0.0
-        for odd in range(17, 0, -2):
-            series = 1 / odd - square * series
-        times = np.rad2deg(32 * tangent * series) / np.where(size > 0, size, 1)
+        times = degrees_between(1 + ahead, size) / np.where(size > 0, size, 1)
         return np.stack([across[0] * times, across[1] * times, 0 * times])
 
     return turn

@@ -1,25 +1,24 @@
 """What a measure is: a number of an error that is limited and told, with its unit.
 
 At each target two errors are known, with all that they have in common: at the tool, in tcp, and as located, in con, mm.
-A measure is linear in them, ``e = sum over targets of weights @ (error at the tool, error as located)``; its number is
-the norm of e.  Of fewer than three components the other rows are 0: its law then lies exactly in a plane or on a line.
+A measure is linear in them, ``e = sum over targets of weights @ (error at the tool, error as located)``, to first order
+at least; its number is the norm of e.  Of fewer than three components the other rows are 0: its law then lies exactly
+in a plane or on a line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
-    Sites = Callable[
-        [Sequence["MeasuredTarget"], Array], tuple["Site", ...]
-    ]  # of all targets, and (4, 4) from con to tcp
     Exact = Callable[[Mapping[str, Array]], Array]
+Sites = Callable[["Measured"], tuple["Site", ...]]
 
 DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of these two targets excepted"
 DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
@@ -36,6 +35,27 @@ class MeasuredTarget(Protocol):
     def direction(self) -> Array | None: ...  # (3,) con
     @property
     def entry(self) -> str | None: ...  # name of the target at which an instrument enters that comes to this one
+
+
+class MeasuredBody(NamedTuple):
+    """A rigid body, known by some of the targets."""
+
+    name: str  # as in the design
+    targets: tuple[str, ...]  # names of three or more
+    against: tuple[str, ...] = ()  # of those of the body that it is read against
+
+
+class Measured(Protocol):
+    """A design, as a measure sees it."""
+
+    @property
+    def targets(self) -> Sequence[MeasuredTarget]: ...
+    @property
+    def bodies(self) -> Sequence[MeasuredBody]: ...
+    @property
+    def T_tcp_con(self) -> Array: ...  # (4, 4) con -> tcp, mm
+    @property
+    def asked(self) -> Mapping[str, Sequence[tuple[str, ...]]]: ...  # by measure: targets each requirement on it names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,28 +92,26 @@ class Measure:
 def at_each_target(first: int) -> Sites:
     """Sites of one of the two errors itself, at every target; first: its first column in the weights."""
 
-    def sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
+    def sites(design: Measured) -> tuple[Site, ...]:
         import numpy as np  # here: who only names measures waits for no arrays
 
         picked = np.eye(6)[first : first + 3]
-        return tuple(Site(target.name, {target.name: picked}) for target in targets)
+        return tuple(Site(target.name, {target.name: picked}) for target in design.targets)
 
     return sites
 
 
-def list_directed(
-    targets: Sequence[MeasuredTarget], to_tcp: Array
-) -> list[tuple[MeasuredTarget, MeasuredTarget | None, Array]]:
+def list_directed(design: Measured) -> list[tuple[MeasuredTarget, MeasuredTarget | None, Array]]:
     """Targets to which an instrument comes in a direction; the one at which it enters, if that is known; and the axes
     (3, 3) in tcp: along it, and two across."""
     import numpy as np
 
-    named, found = {target.name: target for target in targets}, []
-    for target in targets:
+    named, found = {target.name: target for target in design.targets}, []
+    for target in design.targets:
         entry = None if target.entry is None else named[target.entry]
         direction = target.direction if entry is None else target.position_mm - entry.position_mm
         if direction is not None:
-            along = to_tcp[:3, :3] @ (direction / np.linalg.norm(direction))
+            along = design.T_tcp_con[:3, :3] @ (direction / np.linalg.norm(direction))
             across = np.cross(along, np.eye(3)[int(np.abs(along).argmin())])
             across /= np.linalg.norm(across)
             found.append((target, entry, np.stack([along, across, np.cross(along, across)])))
@@ -103,14 +121,28 @@ def list_directed(
 def at_each_direction(first: int, last: int) -> Sites:
     """Sites of components of the error at the tool, at every target with a direction: along it is 0, across it 1, 2."""
 
-    def sites(targets: Sequence[MeasuredTarget], to_tcp: Array) -> tuple[Site, ...]:
+    def sites(design: Measured) -> tuple[Site, ...]:
         import numpy as np
 
         found = []
-        for target, _, axes in list_directed(targets, to_tcp):
+        for target, _, axes in list_directed(design):
             weights = np.zeros((3, 6))
             weights[: last - first, :3] = axes[first:last]
             found.append(Site(target.name, {target.name: weights}))
         return tuple(found)
 
     return sites
+
+
+def degrees_between(ahead: Array, across: Array) -> Array:
+    """(n,) deg, of the components of a vector along an axis and, not negative, across it: by sums and square roots
+    alone, which are alike on every processor."""
+    import numpy as np
+
+    tangent = across / (np.sqrt(across**2 + ahead**2) + ahead)  # of half the angle
+    for _ in range(4):
+        tangent = tangent / (1 + np.sqrt(1 + tangent**2))
+    square, series = tangent**2, np.zeros_like(tangent)
+    for odd in range(17, 0, -2):
+        series = 1 / odd - square * series
+    return np.asarray(np.rad2deg(32 * tangent * series))
