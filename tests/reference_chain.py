@@ -127,6 +127,13 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     if heat is not None:
         kelvin = heat.known[0] + inputs.get("temperature", np.zeros(1))[0]
         true = true + kelvin * heat.structure_per_k * (points - heat.seat_mm)
+    for clamped in (effect for effect in system.effects if effect.name.startswith("clamping:")):
+        *off, scale = clamped.known + clamped.sources.direction @ inputs.get(
+            clamped.name, np.zeros(clamped.sources.count)
+        )
+        held = [clamped.fiducials is None or label in clamped.fiducials for label in system.fiducial_labels]
+        away = points[held] - (points[held].mean(axis=0) if clamped.pivot_mm is None else clamped.pivot_mm)
+        true[held] += off[3:] + np.cross(off[:3], away) + scale * away
     first = torsor(system.structure_connector)
     told = points
     if system.reading is Reading.PHYSICAL:

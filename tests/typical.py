@@ -60,7 +60,8 @@ def draw_value(kind: Any, rng: np.random.Generator, share: float, told: Typicals
         return [draw_value(part, rng, share, told) for part in get_args(inner)]
     if get_origin(inner) is list:
         count = most if share == 1 else int(rng.integers(1, most + 1))
-        return [draw_value(get_args(inner)[0], rng, share, told) for _ in range(count)]
+        values = [draw_value(get_args(inner)[0], rng, share, told) for _ in range(count)]
+        return None if None in values else values  # names, which nothing can be drawn for
     if issubclass(inner, Record):
         return draw_record(inner, rng, share, told)
     if inner is Drawn:

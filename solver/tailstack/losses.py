@@ -23,6 +23,7 @@ from scipy.special import ndtri
 from .contributors import BOUNDED, ErrorLaw, error_law, law_of
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
+from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
 from .propagation.columns import Imaging, assemble_after, gains_of_images, shift_together
@@ -68,9 +69,10 @@ def subsets(count: int, lost: int) -> Array:
 
 
 def without_fiducials(system: System, lost: Sequence[str]) -> System:
-    """The system as if these fiducials had never been there."""
+    """The system as if these fiducials had never been seen."""
     if not lost:
         return system
+    scene = system.scene(np.zeros((0, 3)), project)
     rest = [i for i, label in enumerate(system.fiducial_labels) if label not in lost]
     labels = tuple(system.fiducial_labels[i] for i in rest)
     views = tuple(
@@ -83,6 +85,7 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
         fiducials_mm=frozen(system.fiducials_mm[rest]),
         manufacturing_half_width_mm=frozen(system.manufacturing_half_width_mm[rest]),
         views=views,
+        effects=tuple(effect.with_pivot_in(scene) for effect in system.effects),
         loss_probability=tuple(system.loss_probability[i] for i in rest) if system.loss_probability else (),
     )
 

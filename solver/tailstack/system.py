@@ -290,6 +290,7 @@ class Scene:
     """Where the points are that effects act on, as the design states them."""
 
     projections: Mapping[str, Array]  # (3, 4) con mm -> px, by the name of the view
+    labels: tuple[str, ...]  # N of them, of the fiducials
     fiducials_mm: ArrayLike  # (N, 3) con
     aims_mm: ArrayLike  # (T, 3) con: targets
     imaging: Callable[[Array, ArrayLike], ArrayLike]  # the pinhole projection of points (n, 3): (n, 2) px
@@ -325,6 +326,10 @@ class Effect:
 
     def with_seats_at(self, first_pivot_mm: ArrayLike, second_pivot_mm: ArrayLike) -> Self:
         """The same where the pivots of the interfaces are, in con, if it is these that it hangs on."""
+        return self
+
+    def with_pivot_in(self, scene: Scene) -> Self:
+        """The same about the pivot that it has in a scene, if it is its fiducials that it hangs on."""
         return self
 
     @property
@@ -594,7 +599,8 @@ class System:
 
     def scene(self, aims_mm: ArrayLike, imaging: Callable[[Array, ArrayLike], ArrayLike]) -> Scene:
         """What effects act on: the fiducials and these aims (T, 3), mm, con."""
-        return Scene({view.name: view.projection for view in self.views}, self.fiducials_mm, aims_mm, imaging)
+        projections = {view.name: view.projection for view in self.views}
+        return Scene(projections, self.fiducial_labels, self.fiducials_mm, aims_mm, imaging)
 
     @property
     def projections(self) -> Array:

@@ -71,8 +71,15 @@ def turns(angles_rad: Array) -> Array:
     return x @ y @ z
 
 
-def errors_of(document: dict[str, Any], covariances: dict[str, Array], n: int, rng: np.random.Generator) -> Array:
-    """(n, 3) mm: DLT and triangulation by SVD, with jointly normal errors of seats and hand-eye."""
+def errors_of(
+    document: dict[str, Any],
+    covariances: dict[str, Array],
+    n: int,
+    rng: np.random.Generator,
+    made: Array | None = None,
+) -> Array:
+    """(n, 3) mm: DLT and triangulation by SVD, with jointly normal errors of seats and hand-eye; made (n, N, 3): where
+    the beads truly sit in each trial."""
 
     def move(name: str, pivot: Any, points: Array) -> Array:
         """(n, m, 3) points, each trial's by an error of its own."""
@@ -80,17 +87,21 @@ def errors_of(document: dict[str, Any], covariances: dict[str, Array], n: int, r
         turned = np.einsum("nij,nmj->nmi", turns(np.deg2rad(drawn[:, :3])), points - np.array(pivot))
         return turned + np.array(pivot) + drawn[:, None, 3:]
 
+    def noise(view: dict[str, Any], kind: str, *size: int) -> Array:
+        shape = view.get(f"{kind}_noise_shape", np.eye(2))
+        return 0.2 * rng.multivariate_normal(np.zeros(2), shape, size, method="svd")
+
     beads = np.array([each["position_mm"] for each in document["fiducials"]["points"]])
     target = np.array(document["targets"][0]["position_mm"])
-    moved = move("structure_connector", PIVOT, np.broadcast_to(beads, (n, *beads.shape)))
+    moved = move("structure_connector", PIVOT, np.broadcast_to(beads, (n, *beads.shape)) if made is None else made)
     size = np.sqrt((beads**2).sum(axis=1).mean() / 3)
     rows = []
     for view in document["views"]:
         camera = np.array(view["projection"])
         images = np.einsum("ij,nmj->nmi", camera[:, :3], moved) + camera[:, 3]
-        images = images[..., :2] / images[..., 2:] + rng.normal(0, 0.2, (n, len(beads), 2))
+        images = images[..., :2] / images[..., 2:] + noise(view, "fiducial", n, len(beads))
         aim = camera @ np.append(target, 1)
-        aim = aim[:2] / aim[2] + rng.normal(0, 0.2, (n, 2))
+        aim = aim[:2] / aim[2] + noise(view, "target", n)
         middle = images.mean(axis=1, keepdims=True)
         spread = np.sqrt(((images - middle) ** 2).sum(axis=2).mean(axis=1) / 2)[:, None, None]
         u, x = (images - middle) / spread, np.hstack([beads / size, np.ones((len(beads), 1))])

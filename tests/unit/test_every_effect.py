@@ -55,6 +55,7 @@ CALLED = {  # there
     "structure_connector": "both interfaces", "connector_flange": "both interfaces", "hand_eye": "hand–eye",
     "fiducial_manufacturing": "manufacturing", "image_field": "residual image fields", "execution": "repeatability",
     "assumed_intrinsics": "assumed intrinsics", "detector_tilt": "tilts of the detector", "fiducial_noise": "noise",
+    "clamping": "clampings",
     "target_noise": "noise", "motion": "motion between the shots", "temperature": "temperature",
 }  # fmt: skip
 

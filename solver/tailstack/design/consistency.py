@@ -6,7 +6,7 @@ a target stands for: itself, or samples of its region.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, product
 from math import comb
 
@@ -63,12 +63,7 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
             distances = comb(sum(sizes), 2)
             problems += _too_many(f"/requirements/{index}/targets", "distances between them", distances, limits.targets)
     problems += _estimator(document)
-    hosts: dict[Host, Sequence[Record]] = {
-        "design": [document],
-        "fiducials": [document.fiducials],
-        "view": document.views,
-    }
-    pivots = find_pivots(document)
+    pivots, hosts = find_pivots(document), _hosts(document)
     checks = [(kind.check, record) for kind in EFFECTS if kind.check for record in hosts[kind.host]]
     problems += [found for check, record in checks for found in check(record, pivots)]
     return problems + check_optimise(document, limits.fiducials)
@@ -99,12 +94,28 @@ def _estimator(document: DesignDocument) -> list[Problem]:
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
-    """Labels: unique, and known where a view lists what it sees or the optimiser is told to keep them."""
+    """Labels: unique, and known where they are listed or the optimiser is told to keep them."""
     place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
     problems = find_duplicates(fiducials.labels, place.format, "fiducials")
-    for index, view in enumerate(document.views):
-        problems += check_entries(f"/views/{index}/sees", "fiducial", view.sees or (), fiducials.labels)
+    for pointer, _, labels in _list_fiducials(document):
+        problems += check_entries(pointer, "fiducial", labels, fiducials.labels)
     return problems + check_optimise_labels(document, fiducials)
+
+
+def _list_fiducials(document: DesignDocument) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Pointer and labels of every list of fiducials beside the optimiser's own, and who lists what."""
+    for index, view in enumerate(document.views):
+        if view.sees is not None:
+            yield f"/views/{index}/sees", f"view {view.name} lists the fiducials that it sees", view.sees
+    for kind in EFFECTS:
+        for record in _hosts(document)[kind.host]:
+            for pointer, labels in kind.list_fiducials(record):
+                yield pointer, f"{pointer} lists fiducials", labels
+
+
+def _hosts(document: DesignDocument) -> dict[Host, Sequence[Record]]:
+    """The records that sections of effects stand in."""
+    return {"design": [document], "fiducials": [document.fiducials], "view": document.views}
 
 
 def _too_many(pointer: str, what: str, count: int, limit: int) -> list[Problem]:
@@ -332,10 +343,9 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
             return [Problem("/optimise/survive/lost", "too-few-fiducials", detail, "add fiducials, or lose fewer")]
     if wanted.count is None:
         return []
-    listed = [index for index, view in enumerate(document.views) if view.sees is not None]
-    if listed:
-        detail = f"view {document.views[listed[0]].name} lists the fiducials that it sees; their number may not change"
-        return [Problem("/optimise/count", "count-and-sees", detail, f"leave out count, or /views/{listed[0]}/sees")]
+    for pointer, who, _ in _list_fiducials(document):
+        detail = f"{who}; their number may not change"
+        return [Problem("/optimise/count", "count-and-sees", detail, f"leave out count, or {pointer}")]
     fixed = len(wanted.fixed)
     if wanted.count.max < fixed:
         detail = f"{fixed} fiducials are fixed; count allows {wanted.count.max}"

@@ -6,7 +6,7 @@ not declared, which of its values are doubted, and up to what size first order w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, Literal, NamedTuple, TypeVar
 
@@ -80,6 +80,8 @@ class EffectKind(Generic[Section]):
     """What a record says where it is not declared, or not in every view; empty: nothing."""
     check: Callable[[Section, Pivots], Iterator[Problem]] | None = None
     """What is refused beyond one record."""
+    list_fiducials: Callable[[Section], Iterable[tuple[str, Sequence[str]]]] = lambda section: ()
+    """Labels of fiducials that a section lists, each list with its pointer: they are held against those that exist."""
     doubts: tuple[PlausibilityTest[System], ...] = ()
     """Rules on values that are allowed and hardly ever meant."""
     limits: Callable[[System], Iterator[Limit]] | None = None
