@@ -147,9 +147,10 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
             drawn = inputs.get(motion.name, np.zeros(motion.sources.count))
             shown = move(motion.known + motion.sources.direction @ drawn, motion.pivot_mm, form, true)
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
-        images = project(view.projection, shown) + noise + ball_shifts(system, view)
+        mixes = view.noise_factors if view.noise_factors is not None else [np.eye(2), np.eye(2)]
+        images = project(view.projection, shown) + noise @ mixes[0].T + ball_shifts(system, view)
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
-        aimed = project(view.projection, target.position_mm[None]) + noise
+        aimed = project(view.projection, target.position_mm[None]) + mixes[1] @ noise
         if (wide := effect_named(system, f"image_field:{view.name}")) is not None:
             coefficients = wide.known + inputs.get(wide.name, np.zeros(wide.sources.count))
             images = images + field(wide, project(view.projection, points), coefficients)

@@ -301,7 +301,7 @@ def every_effect(rng: np.random.Generator, **changes: Any) -> System:
     views = [
         {
             "name": view.name, "fiducial_noise_px": 0.5, "target_noise_px": 0.5, "image_size_px": [1536, 1536],
-            "projection": view.projection.tolist(),
+            "projection": view.projection.tolist(), "fiducial_noise_shape": [[1.3, 0.4], [0.4, 0.7]],
         }
         for view in base.views
     ]  # fmt: skip
@@ -313,6 +313,8 @@ def every_effect(rng: np.random.Generator, **changes: Any) -> System:
     }  # fmt: skip
     compiled = compile_design(load_design(declare_all(document, rng)))
     base = replace(base, effects=tuple(map(_known, compiled.effects)), fiducial_radius_mm=compiled.fiducial_radius_mm)
+    shaped = zip(base.views, compiled.views, strict=True)
+    base = replace(base, views=tuple(replace(view, noise_factors=each.noise_factors) for view, each in shaped))
     return replace(base, estimator=Estimator.POSE, **changes)
 
 

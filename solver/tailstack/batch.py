@@ -439,6 +439,7 @@ class CompiledRows(NamedTuple):
     weighing: int  # of the rows of a view in triangulation
     precision: Array  # (m, V, 3)
     noise: Array  # (m, V, 2) px
+    factors: Array  # (V, 2, 2, 2) or (0, ...), see ``Estimation``
     believed: Array  # (3, B), see ``Imaging``
     views_of: NDArray[np.int64]  # (B,)
     assumed: Array  # (V, 3)
@@ -576,6 +577,7 @@ class _RowLoop:
             weighing=imaging.estimation.weighing,
             precision=precision,
             noise=noise,
+            factors=imaging.estimation.factors,
             believed=imaging.believed,
             views_of=imaging.views_of,
             assumed=imaging.assumed,
@@ -683,7 +685,7 @@ def score_rows(
         if rows.moving or not ready:
             ready = True
             noise = pick(rows.noise, row)
-            estimation = Estimation(rows.unknowns, rows.weighing, pick(rows.precision, row), noise)
+            estimation = Estimation(rows.unknowns, rows.weighing, pick(rows.precision, row), noise, rows.factors)
             projections, assumed = pick(rows.projections, row), pick(rows.points, row)
             eliminate_views(projections, assumed, rows.weights, eliminated)
             plain = is_certainly_valid(pick(rows.fiducials, row), eliminated, validity_bounds)

@@ -41,6 +41,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
     for v, view in enumerate(chain.system.views):
         seen = np.flatnonzero(chain.weights[v])
         blocks = _information(chain, v, seen)
+        unmix = np.linalg.inv(chain.imaging.estimation.factors_of(0)[v])
         gains = {
             name: next(b.gain("tcp") for b in model.blocks if _is_noise_of_fiducials(b.effect, view.name))
             for name, model in models.items()
@@ -54,7 +55,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
             inverse = np.linalg.inv(block)
             effects = {}
             for name, gain in gains.items():
-                own = gain[:, 2 * i : 2 * i + 2]
+                own = gain[:, 2 * i : 2 * i + 2] @ unmix
                 effects[name] = sqrt(noticed * max(float(np.linalg.eigvalsh(own @ inverse @ own.T)[-1]), 0.0))
             target = max(effects, key=effects.__getitem__)
             reliabilities.append(SlipReliability(view.name, label, slip, effects[target], target))
@@ -83,7 +84,8 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
         @ chain.imaging.per_error
         * chain.system.manufacturing_std_mm[seen][:, None, :]
     )
-    own = made @ made.transpose(0, 2, 1) + max(noise, 1e-9) ** 2 * np.eye(2)  # (n, 2, 2) px^2
+    factor = imaging.estimation.factors_of(0)[v]
+    own = made @ made.transpose(0, 2, 1) + max(noise, 1e-9) ** 2 * (factor @ factor.T)  # (n, 2, 2) px^2
     weight = np.zeros((2 * len(seen), 2 * len(seen)))
     for k, covariance in enumerate(own):
         weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance)

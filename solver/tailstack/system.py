@@ -455,6 +455,9 @@ class View:
     image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
     sees: tuple[str, ...] | None = None  # labels of the fiducials that its estimate uses; None: all of them
     intrinsics_prior: tuple[float, float] | None = None  # standard deviations: focal length (relative), centre (px)
+    # (2, 2, 2) of fiducials and target: lower triangles by which independent noise of u and v is multiplied, the mean
+    # of both variances 1.  None: it is alike in all directions
+    noise_factors: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

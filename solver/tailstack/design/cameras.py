@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .document import DistanceView, MatrixView, PinholeView, Pose, PresetView
 from .loading import Design
 from .presets import PRESETS
 
+LEAST_NOISE = 1e-6  # of a direction without noise, as a part of what there is: gains per px are asked of every one
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
 
 
@@ -41,7 +43,23 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
         size,
         seen_by(view),
         None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
+        _noise_factors(view),
     )
+
+
+def _noise_factors(view: Any) -> Array | None:
+    """Lower triangles (2, 2, 2) whose squares are the covariances of noise along u and v, of a mean variance of 1."""
+    shapes = view.fiducial_noise_shape, view.target_noise_shape
+    if shapes == (None, None):
+        return None
+    factors = []
+    for shape in shapes:
+        matrix = np.eye(2) if shape is None else np.array(shape)
+        matrix = matrix / (matrix.trace() / 2)
+        u = max(sqrt(matrix[0, 0]), LEAST_NOISE)
+        mixed = (matrix[0, 1] + matrix[1, 0]) / 2 / u
+        factors.append([[u, 0.0], [mixed, max(sqrt(max(matrix[1, 1] - mixed**2, 0.0)), LEAST_NOISE)]])
+    return frozen(factors)
 
 
 def _projection(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> tuple[Array, tuple[int, int] | None]:

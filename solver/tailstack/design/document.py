@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import date
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -90,7 +90,7 @@ from ..ranges import (
 )
 from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
-from ..tolerances import Bias, HowOften, Tolerances, level_field
+from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
 from .optimise_document import Optimise
 from .presets import PRESETS
 
@@ -113,7 +113,32 @@ class IntrinsicsPrior(Record):
     )
 
 
-@with_sections("view", sees=None, intrinsics_prior=None)
+_Moment = Annotated[float, Field(ge=-1e6, le=1e6)]
+_Moments = Annotated[tuple[_Moment, _Moment], Field(strict=False)]
+NoiseShape = Annotated[
+    tuple[_Moments, _Moments], Field(strict=False), AnySize("a shape: the mean of its two variances is 1")
+]
+ROUNDED = 1e-3  # by which a shape may miss that mean
+
+
+def _check_noise_shape(rows: Sequence[Sequence[float]], kind: str) -> None:
+    """Refuse what is no covariance of u and v, or says how large noise is beside the field that does."""
+    at, matrix = f"{kind}_noise_shape", np.array(rows)
+    if abs(matrix[0, 1] - matrix[1, 0]) > ROUNDED:
+        detail = f"u with v is {matrix[0, 1]:g}, v with u is {matrix[1, 0]:g}"
+        raise refusal("not-a-covariance", detail, "a covariance is symmetric", at)
+    if not (mean := matrix.trace() / 2) > 0 or matrix.diagonal().min() < 0:
+        raise refusal("not-a-covariance", "no variance is negative, and one is above 0", f"{at}: [[1, 0], [0, 1]]", at)
+    scale = np.sqrt(np.where(matrix.diagonal() > 0, matrix.diagonal(), mean))
+    coefficients = matrix / np.outer(scale, scale)
+    refuse_indefinite(np.where(np.eye(2) > 0, 1.0, coefficients), ("u", "v"), at)
+    if abs(mean - 1) > ROUNDED:
+        cure = f"{at}: {write_value((matrix / mean).tolist(), 4)}; its size, if it was in px^2, is {kind}_noise_px: "
+        detail = f"the mean of its two variances is {mean:.4g}; of a shape it is 1, as {kind}_noise_px is its size"
+        raise refusal("out-of-range", detail, f"{cure}{np.sqrt(mean):.4g}", at)
+
+
+@with_sections("view", sees=None, intrinsics_prior=None, fiducial_noise_shape=None, target_noise_shape=None)
 class _View(Record):
     name: Name = Field(description="What you call this view; unique.", examples=["AP"])
     fiducial_noise_px: Pixels = Field(
@@ -125,6 +150,18 @@ class _View(Record):
         description="Standard deviation of the target's measured image, per coordinate, px. Independent of the "
         "fiducials' noise.",
         examples=[0.3],
+    )
+    fiducial_noise_shape: NoiseShape | None = Field(
+        default=None,
+        description="Covariance of that noise along u and v, [[uu, uv], [uv, vv]], over fiducial_noise_px^2: the mean "
+        "of uu and vv is 1. weighted triangulation weighs by it; the other estimators know nothing of it. Default "
+        "[[1, 0], [0, 1]], alike in all directions.",
+        examples=[[[1.6, 0.3], [0.3, 0.4]]],
+    )
+    target_noise_shape: NoiseShape | None = Field(
+        default=None,
+        description="The same of the target's image, over target_noise_px^2.",
+        examples=[[[0.5, 0.0], [0.0, 1.5]]],
     )
     sees: Annotated[list[Name], Field(min_length=1)] | None = Field(
         default=None,
@@ -138,6 +175,13 @@ class _View(Record):
         "needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much "
         "(normal, once per unit). dlt and reprojection read neither.",
     )
+
+    @model_validator(mode="after")
+    def _noise_has_a_shape(self) -> Self:
+        for kind in ("fiducial", "target"):
+            if (shape := getattr(self, f"{kind}_noise_shape")) is not None:
+                _check_noise_shape(shape, kind)
+        return self
 
 
 class _Aimed(_View):

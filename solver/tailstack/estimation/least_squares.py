@@ -320,7 +320,11 @@ def row_weights(system: System, projections: Array, assumed: Array, point: Array
         prior[range(free), range(6, 6 + free)] = np.sqrt(known[v])
         gain = np.linalg.pinv(np.vstack([rows, prior]))[:, : len(rows)]
         gain = aim @ gain * np.repeat(weight, 2)
-        covariance = view.fiducial_noise_px**2 * gain @ gain.T + view.target_noise_px**2 * np.eye(2)
+        own = np.eye(2)
+        if view.noise_factors is not None:
+            gain = (gain.reshape(2, -1, 2) @ view.noise_factors[0]).reshape(2, -1)
+            own = view.noise_factors[1] @ view.noise_factors[1].T
+        covariance = view.fiducial_noise_px**2 * gain @ gain.T + view.target_noise_px**2 * own
         depth = float(projection[2] @ np.append(point, 1.0))
         out[v] = np.linalg.inv(covariance) / depth**2
     return out

@@ -30,11 +30,11 @@ from . import store
 _FRAME = "PrincipalLaw(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
     "montecarlo.tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
-    "f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
+    "f3r f3r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )
-_IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2)"
+_IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2 f4) f2 b f2 i1 f2)"
 _EXCHANGE = f"ExchangeModel({_IMAGING} f2 f1 f2 f3 i1 f1)"
-_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b1 f5 b)"
+_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f4 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b1 f5 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
     "score": f"""

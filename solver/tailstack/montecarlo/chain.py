@@ -315,8 +315,10 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     assumed = transform_points(transforms[0], points) if eq18 else points
     true = true if eq18 else transform_points(transforms[0], true)
 
-    noise = z[:, : 2 * views * (count + targets)].reshape(trials, views, count + targets, 2)
-    sigma = tables.noise[:, None, :]  # (V, 1, kind)
+    drawn = z[:, : 2 * views * (count + targets)].reshape(trials, views, count + targets, 2)
+    per = tables.noise[:, [0] * count + [1] * targets]
+    along_v = per[..., 1] * drawn[..., 0] + per[..., 2] * drawn[..., 1]
+    noise = np.stack([per[..., 0] * drawn[..., 0], along_v], axis=-1)
     exact = np.stack(
         [
             project(view.projection, transform_points(transform(shot_slot(views, v)), true))
@@ -331,7 +333,7 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         ],
         axis=1,
     )
-    images = exact + shifts[:, :, :count] + sigma[:, :, :1] * noise[:, :, :count]
+    images = exact + shifts[:, :, :count] + noise[:, :, :count]
     wrong = np.stack([act(intrinsics_slot(views, v), 3) + tables.intrinsics[v, 5:8] for v in range(views)], axis=1)
     estimates = estimate_views(system, assumed, images, wrong)
     reprojection = reprojection_rms(estimates, assumed, images, system.sees)
@@ -342,7 +344,7 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     tcp_con = system.T_tcp_con
     for t, target in enumerate(system.targets):
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
-        noisy = seen + shifts[:, :, count + t] + sigma[:, 0, 1:] * noise[:, :, count + t]
+        noisy = seen + shifts[:, :, count + t] + noise[:, :, count + t]
         weights = weights_at_rest(system, target) if weighed else None
         located = locate(system, estimates, noisy, assumed, weights)
         errors[:, t, 1] = located - target.position_mm

@@ -46,6 +46,7 @@ from ..geometry.arrays import Array
 from .lane_least_squares import WORK, resect_by_least_squares
 from .lane_motion import (
     act,
+    add_noise,
     growth,
     image_fiducials,
     image_shift,
@@ -126,7 +127,7 @@ def target_image(tables, target, view, z):
     """Noisy image (u, v) of a target, px from the fiducials' nominal mean image."""
     n = tables.counts[FIDUCIALS]
     deviates = loads(z, 16 * view * (n + tables.counts[TARGETS]) + 16 * (n + target), 2)
-    image = fma(splat(tables.noise[view, 1]), deviates, splats(tables.target_images[target, view], 2))
+    image = add_noise(tables, view, 1, deviates, splats(tables.target_images[target, view], 2))
     return add(image, image_shift(tables, view, n + target, z)) if tables.counts[SHIFTING] != 0 else image
 
 

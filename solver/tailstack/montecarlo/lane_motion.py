@@ -159,7 +159,6 @@ def true_projection(tables, view, pose):
 def image_fiducials(tables, view, points, projection, images, z):
     """Noisy images of all fiducials, by the rows of :func:`true_projection`, into ``images``."""
     n, one = tables.counts[FIDUCIALS], splat(1.0)
-    noise = splat(tables.noise[view, 0])
     start = 16 * view * (n + tables.counts[TARGETS])
     for i in range(n):
         x = join(loads(points, 24 * i, 3), one)
@@ -167,4 +166,12 @@ def image_fiducials(tables, view, points, projection, images, z):
         image = multiply((dot(projection[0], x), dot(projection[1], x)), inverse)
         if tables.counts[SHIFTING] != 0:
             image = add(image, image_shift(tables, view, i, z))
-        store(images, 16 * i, fma(noise, loads(z, start + 16 * i, 2), image))
+        store(images, 16 * i, add_noise(tables, view, 0, loads(z, start + 16 * i, 2), image))
+
+
+@lane_jit
+def add_noise(tables, view, kind, deviates, image):
+    """Image (u, v) with the noise that two deviates make of a fiducial (kind 0) or a target (1)."""
+    u, mixed, v = splats(tables.noise[view, kind], 3)
+    image = fma((u, v), deviates, image)
+    return image[0], image[1] + mixed * deviates[0]

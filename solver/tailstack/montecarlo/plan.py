@@ -44,7 +44,7 @@ from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
 from ..geometry.rotation import RotationForm
 from ..levels import Drawn
-from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, Weighing, std_per_half_width
+from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, View, Weighing, std_per_half_width
 from .tables import (
     BY_IMAGES,
     DEVIATES,
@@ -368,7 +368,7 @@ def compile_plan(
         starts=starts,
         **_compile_geometry(system, sources),
         spread=_spread(system),
-        noise=np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views]),
+        noise=np.stack([_noise_of(view) for view in system.views]),
         gains=np.concatenate([gain.ravel() for gain in sources.gains]),
         gain_starts=sources.gain_starts,
         torsors=np.array([np.resize(fixed, 6) for fixed in sources.fixed[: images_slot(views, 0)]]),
@@ -379,6 +379,12 @@ def compile_plan(
     )
     tables = Tables(*(frozen(table, table.dtype) for table in tables))
     return ChainPlan(system, tables, blocks, bounded, values, shots_per_unit)
+
+
+def _noise_of(view: View) -> Array:
+    """(2, 3) px: ``Tables.noise`` of a view."""
+    factors = np.stack([np.eye(2)] * 2) if view.noise_factors is None else view.noise_factors
+    return np.array([view.fiducial_noise_px, view.target_noise_px])[:, None] * factors[:, [0, 1, 1], [0, 0, 1]]
 
 
 def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:

@@ -95,7 +95,7 @@ class Tables(NamedTuple):
     # and the precision of each of these three as a prior has it, px^2 (``least_squares.precisions``)
     target_images: Array  # (T, V, 2) px from the same origin
     row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
-    noise: Array  # (V, 2) px standard deviations: fiducials, targets
+    noise: Array  # (V, 2, 3) px, of fiducials, targets: u by its deviate, v by that of u and by its own
     gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
     # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange; and
     # of the assumed intrinsics (3, k)

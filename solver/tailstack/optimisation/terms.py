@@ -357,11 +357,12 @@ def image_parts_at(
     """
     points = laid.fiducials_mm @ plain(estimator.assumed_turn).T + assumed_shift
     own = estimator.imaging
-    estimation = own.estimation._replace(precision=plain(own.estimation.precision), noise=plain(own.estimation.noise))
+    estimation = own.estimation
+    inner = {name: plain(getattr(estimation, name)) for name in ("precision", "noise", "factors")}
     imaging = own._replace(
         projections=projections,
         points=points,
-        estimation=estimation,
+        estimation=estimation._replace(**inner),
         per_error=plain(own.per_error),
         believed=plain(own.believed),
         assumed=plain(own.assumed),

@@ -57,8 +57,8 @@ def assemble(
     Fills columns (3, M + C + V), side by side
 
     - M of sources that act through single images, and of believed intrinsics: for each view u and v of each fiducial's
-      noise, then of the target's; where fiducials are manufactured, x, y and z of each one's error; then each source of
-      an error of believed intrinsics;
+      noise, then of the target's, or of the independent noise of which ``Estimation.factors`` make it; where fiducials
+      are manufactured, x, y and z of each one's error; then each source of an error of believed intrinsics;
     - C of the shifts;
     - V of what is known of the intrinsics that each view believes;
 
@@ -125,6 +125,12 @@ def assemble_after(
                 total = total + intrinsics[v, k, m] * imaging.assumed[v, m]
             columns[k, n] = total
             n += 1
+        for v in range(imaging.estimation.factors.shape[0]):  # noise of u and v is what independent noise is mixed to
+            for i in range(count + 1):
+                f, n = imaging.estimation.factors[v, i // count], v * width + 2 * i
+                along_u, along_v = columns[k, n], columns[k, n + 1]
+                columns[k, n] = along_u * f[0, 0] + along_v * f[1, 0]
+                columns[k, n + 1] = along_u * f[0, 1] + along_v * f[1, 1]
 
 
 # Division by zero gives inf, which linearise refuses with the reason; an exception would have none.

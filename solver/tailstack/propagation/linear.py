@@ -246,7 +246,16 @@ def estimation_of(system: System) -> Estimation:
         int(system.triangulation.traits.weighing),
         precisions(system),
         np.array([(view.fiducial_noise_px, view.target_noise_px) for view in system.views]),
+        factors_of(system),
     )
+
+
+def factors_of(system: System) -> Array:
+    """(V, 2, 2, 2) of the noise of each view, or (0, 2, 2, 2) where it is alike in all directions in every view."""
+    each = [view.noise_factors for view in system.views]
+    if all(factors is None for factors in each):
+        return np.zeros((0, 2, 2, 2))
+    return np.array([np.stack([np.eye(2)] * 2) if factors is None else factors for factors in each])
 
 
 def effects_of_images(system: System) -> tuple[Effect, ...]:
@@ -433,7 +442,7 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
             reconstructed,
             chain.matrix_covariance,
             _common(chain, images.shifts),
-            imaging.estimation.noise[:, 1],
+            imaging.estimation.noise_of(1),
             images.row_weights,
             published=not system.triangulation.traits.own_frame,
         )
@@ -600,6 +609,7 @@ def eq16_manufacturing(chain: Chain, columns: Array) -> Array:
         count = len(imaging.points)
         for v, projection in enumerate(imaging.projections):
             single = columns[:, v * (2 * count + 2) :][:, : 2 * count].reshape(3, count, 2)
+            single = single @ np.linalg.inv(imaging.estimation.factors_of(0)[v])
             made = np.einsum("jic,ick->jik", single, motion_of_images(projection, imaging.points) @ imaging.per_error)
             scaled = (made * chain.system.manufacturing_std_mm).reshape(3, -1)
             total += scaled @ scaled.T

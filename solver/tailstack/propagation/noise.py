@@ -420,6 +420,17 @@ class Estimation(NamedTuple):
         ArrayLike  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing is known
     )
     noise: ArrayLike  # (V, 2) px: of fiducials and target; read by the weighted rows
+    # (V, 2, 2, 2), of fiducials and target: by which independent noise along u and v is multiplied (rows); (0, ...)
+    # where it is alike in all directions
+    factors: ArrayLike
+
+    def factors_of(self, kind: int) -> ArrayLike:
+        """(V, 2, 2) of fiducials (0) or target (1), the identity where noise is alike in all directions."""
+        return self.factors[:, kind] if len(self.factors) else np.broadcast_to(np.eye(2), (len(self.noise), 2, 2))
+
+    def noise_of(self, kind: int) -> ArrayLike:
+        """(V, 2, 2) px: by which independent noise of fiducials (0) or target (1) is multiplied."""
+        return self.noise[:, kind, None, None] * self.factors_of(kind)
 
 
 @register_jitable
@@ -432,11 +443,23 @@ def eliminate_for(
 
 
 @register_jitable
-def weigh_rows(weighing: int, gains: ArrayLike, noise: ArrayLike, depth: ArrayLike, out: ArrayLike) -> None:
+def mix_noise(gains: ArrayLike, factor: ArrayLike) -> ArrayLike:
+    """(n, m, 2) gains by the independent noise of which a factor (2, 2) makes that of u and v, the columns of gains."""
+    out = np.zeros(gains.shape, gains.dtype)
+    for i in range(gains.shape[0]):
+        for j in range(gains.shape[1]):
+            for k in range(2):
+                out[i, j, k] = gains[i, j, 0] * factor[0, k] + gains[i, j, 1] * factor[1, k]
+    return out
+
+
+@register_jitable
+def weigh_rows(estimation: ArrayLike, view: int, gains: ArrayLike, depth: ArrayLike, out: ArrayLike) -> None:
     """Fills ``out`` (2, 2): the weight of one view's rows in triangulation.
 
-    weighing: see ``Estimation``; gains (N, 2, 2) of the residual; noise (2,) px; depth of the target, mm.
+    estimation: see ``Estimation``; gains (N, 2, 2) of the residual; depth of the target, mm.
     """
+    weighing, noise, factors = estimation.weighing, estimation.noise[view], estimation.factors
     if weighing == Weighing.ALIKE:
         out[0, 0] = 1.0
         out[1, 1] = 1.0
@@ -445,12 +468,19 @@ def weigh_rows(weighing: int, gains: ArrayLike, noise: ArrayLike, depth: ArrayLi
         out[1, 1] = 1.0 / (depth * depth)
     else:
         covariance = np.zeros((2, 2), gains.dtype)
+        alike = factors.shape[0] == 0
+        by_noise = gains if alike else mix_noise(gains, factors[view, 0])
         for c in range(2):
             for e in range(2):
                 for i in range(gains.shape[0]):
-                    both = gains[i, c, 0] * gains[i, e, 0] + gains[i, c, 1] * gains[i, e, 1]
+                    both = by_noise[i, c, 0] * by_noise[i, e, 0] + by_noise[i, c, 1] * by_noise[i, e, 1]
                     covariance[c, e] = covariance[c, e] + both * noise[0] * noise[0]
-            covariance[c, c] = covariance[c, c] + depth * depth * noise[1] * noise[1]
+                if not alike:
+                    f = factors[view, 1]
+                    both = f[c, 0] * f[e, 0] + f[c, 1] * f[e, 1]
+                    covariance[c, e] = covariance[c, e] + both * depth * depth * noise[1] * noise[1]
+            if alike:
+                covariance[c, c] = covariance[c, c] + depth * depth * noise[1] * noise[1]
         det = covariance[0, 0] * covariance[1, 1] - covariance[0, 1] * covariance[1, 0]
         out[0, 0] = covariance[1, 1] / det
         out[1, 1] = covariance[0, 0] / det
@@ -540,7 +570,7 @@ def gains_after(
                 assumed[v],
             )
         depth[v] = image[4]
-        weigh_rows(estimation.weighing, residual[v], estimation.noise[v], image[4], row_weights[v])
+        weigh_rows(estimation, v, residual[v], image[4], row_weights[v])
         for c in range(2):
             for k in range(3):
                 rows[v, c, k] = projections[v, c, k] - (image[c] + image[2 + c]) * projections[v, 2, k]

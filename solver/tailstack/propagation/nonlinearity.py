@@ -218,7 +218,7 @@ def matrix_covariance(
     out = np.zeros((12 * len(gains), 12 * len(gains)))
     shared = []
     for v, (gain, projection, error) in enumerate(zip(gains, projections, intrinsics, strict=True)):
-        flat = estimation.noise[v, 0] * gain.by_noise.reshape(12, -1)
+        flat = (gain.by_noise @ estimation.noise_of(0)[v]).reshape(12, -1)
         if error is not None:
             flat = np.hstack([flat, gain.by_intrinsics @ (error.sources.direction * error.sources.spread)])
         out[12 * v : 12 * v + 12, 12 * v : 12 * v + 12] = flat @ flat.T
@@ -327,7 +327,7 @@ def _crossing(aim: TargetImages) -> float:
     return float(max(variance, 0.0) / squares[0])
 
 
-def _row_errors(aim: TargetImages, target_noises: Array, *, unit: bool) -> Array:
+def _row_errors(aim: TargetImages, target_noise: Array, *, unit: bool) -> Array:
     """(4, 4, 2 V, 2 V) second moments of the errors of each row: of J (3) and of rho.
 
     unit: with the gauge |p3| = 1 in J, otherwise with that of ``matrix_gains``.
@@ -347,17 +347,20 @@ def _row_errors(aim: TargetImages, target_noises: Array, *, unit: bool) -> Array
         left[:, 4 * c + 3, 8:] -= image * aim.place
         own = np.column_stack([aim.heads[:, 2, :3], aim.depths])
         by_image[:, 4 * c : 4 * c + 4, c] = -own
-        noise = target_noises[:, None] * own
-        by_noise[:, 4 * c : 4 * c + 4, 4 * c : 4 * c + 4] = noise[:, :, None] * noise[:, None]
+        for e, k in np.ndindex(c + 1, 2):
+            part = (target_noise[:, c, None, k] * own)[:, :, None] * (target_noise[:, e, None, k] * own)[:, None]
+            by_noise[:, 4 * c : 4 * c + 4, 4 * e : 4 * e + 4] += part
+            if e < c:
+                by_noise[:, 4 * e : 4 * e + 4, 4 * c : 4 * c + 4] += part
     errors = aim.functionals(left, by_image)
     for v in range(views):
         errors[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_noise[v]
     return np.asarray(errors.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
-def _range(aim: TargetImages, target_noises: Array, factor: Array) -> float:
+def _range(aim: TargetImages, target_noise: Array, factor: Array) -> float:
     """The fifth number, squared; factor (2 V, 2 V) of the rows."""
-    errors = _row_errors(aim, target_noises, unit=False)
+    errors = _row_errors(aim, target_noise, unit=False)
     to_point = np.linalg.pinv(factor @ aim.rows.reshape(-1, 3)) @ factor  # the point moves by it times -rho
     rho = errors[3, 3]
     point = to_point @ rho @ to_point.T  # E[x1 x1']
@@ -381,14 +384,14 @@ def _factor(row_weights: Array) -> Array:
 
 
 def _disagreement(
-    aim: TargetImages, target_noises: Array, factor: Array, away: Array, unit: float
+    aim: TargetImages, target_noise: Array, factor: Array, away: Array, unit: float
 ) -> tuple[float, float]:
     """The third number and the fourth, squared.
 
     factor (2 V, 2 V) of the rows; away (3,), from the origin to the target, and unit: mm, of the frame of the unit
     vector.
     """
-    errors = factor @ _row_errors(aim, target_noises, unit=True) @ factor.T
+    errors = factor @ _row_errors(aim, target_noise, unit=True) @ factor.T
     rows = factor @ aim.rows.reshape(-1, 3)
     inverse = np.linalg.inv(rows.T @ rows)
     to_point = inverse @ rows.T
@@ -420,7 +423,7 @@ def nonlinearity(
     target: Array,
     covariance: Array,
     common: Common,
-    target_noises: Array,
+    target_noise: Array,
     row_weights: Array,
     *,
     published: bool,
@@ -429,7 +432,8 @@ def nonlinearity(
 
     projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; weights (V, N):
     1 where a view sees a fiducial; covariance: see ``matrix_covariance``; common: what moves all images of a view;
-    target_noises (V,) px of the target's images; row_weights (V, 2, 2) of the triangulation, published: its form.
+    target_noise (V, 2, 2) px: by which independent noise is multiplied to that of the target's images; row_weights
+    (V, 2, 2) of the triangulation, published: its form.
     """
     centre = points.mean(axis=0)
     away, unit = target - centre, sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
@@ -439,13 +443,13 @@ def nonlinearity(
 
     factor = _factor(row_weights)
     depth, crossing = _depth(aim), _crossing(aim)
-    apart, gap = _disagreement(aim, target_noises, factor, away, unit)
-    along = _range(aim, target_noises, factor)
+    apart, gap = _disagreement(aim, target_noise, factor, away, unit)
+    along = _range(aim, target_noise, factor)
     known = 0.0
     if common.known:
         steady = aim._replace(covariance=np.zeros_like(covariance), common=common.steady)
         random = aim._replace(common=common.random)
-        without, _ = _disagreement(random, target_noises, factor, away, unit)
-        shifted = along - _range(random, target_noises, factor)
+        without, _ = _disagreement(random, target_noise, factor, away, unit)
+        shifted = along - _range(random, target_noise, factor)
         known = sqrt(max(_depth(steady), _crossing(steady), apart - without, shifted))
     return Nonlinearity(sqrt(depth), sqrt(crossing), sqrt(apart), sqrt(gap), sqrt(along), known)
