@@ -69,8 +69,6 @@ from .system import (
     std_per_half_width,
 )
 from .tail.declared import (
-    TRIANGULAR,
-    UNIFORM,
     LawSummary,
     accuracy_for,
     law_mean,
@@ -247,7 +245,7 @@ class Batch:
     @property
     def on_lattice(self) -> bool:
         """Whether rows are compiled, and their laws not all normal."""
-        return self._loop is not None and bool(np.isin(self._loop.kinds, (UNIFORM, TRIANGULAR)).any())
+        return self._loop is not None and bool((self._loop.kinds >= 0).any())
 
     @property
     def moves_together(self) -> bool:

@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 from .geometry.arrays import Array, frozen
 from .geometry.spectrum import VANISHING_MM
 from .kernels.store import kernel
+from .laws import SUMS
 from .levels import Drawn
 from .propagation.linear import Block, ErrorModel
 from .system import Law
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
-from .tail.declared import TRIANGULAR, UNIFORM, LinearLaw
+from .tail.declared import LinearLaw
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
-NORMAL, BOUNDED = -1, -2  # beside UNIFORM and TRIANGULAR, which have columns in a law
-KIND = {Law.NORMAL: NORMAL, Law.UNIFORM: UNIFORM, Law.TRIANGULAR: TRIANGULAR, Law.BOUNDED: BOUNDED}
+NORMAL, BOUNDED = -1, -2  # beside the places in SUMS of those that have columns in a law
+KIND = {Law.NORMAL: NORMAL, Law.BOUNDED: BOUNDED} | {law: kind for kind, law in enumerate(SUMS)}
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
@@ -36,7 +37,7 @@ class Columns(NamedTuple):
     gain: Array  # (3, K) mm per native unit
     std: Array  # (K,) native unit
     half_width: Array  # (K,) native unit
-    kinds: NDArray[np.int64]  # (K,) NORMAL, UNIFORM, TRIANGULAR or BOUNDED
+    kinds: NDArray[np.int64]  # (K,) by KIND
     drawn: NDArray[np.int64]  # (K,) ``Drawn.rank``: how often
 
     def only(self, which: NDArray[np.bool_]) -> Columns:
@@ -50,7 +51,7 @@ class Columns(NamedTuple):
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """(K,) which sources have a column in the law: uniform and triangular ones that are wider than 0."""
+        """(K,) which sources have a column in the law: those of a law in SUMS that are wider than 0."""
         return np.asarray((self.kinds >= 0) & (self.half_width > 0))
 
 

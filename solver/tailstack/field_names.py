@@ -15,6 +15,7 @@ from math import cos, hypot, isclose, pi, sin, sqrt
 from operator import mul, neg
 from typing import Any, NamedTuple
 
+from .laws import SUMS, count_sigmas
 from .tables import read_table
 from .units import Unit, read_unit
 
@@ -37,7 +38,7 @@ _MARKS = _WORDS["marks"]  # how numbers are ordered, or turned round
 _ROTATIONS = _WORDS["rotations"]  # how a rotation is written
 _FILLERS = {"value", "values", "number", "the", "of", "in", "to", "matrix"}
 _TURNS = ("un", "non", "in", "im", "ab", "re", "de", "dis", "anti", "semi")  # beginnings that make another word of one
-LAW_SIGMAS = {"uniform": sqrt(3), "triangular": sqrt(6)}  # standard deviations in a half-width
+LAW_SIGMAS = {str(law): count_sigmas(law) for law in SUMS}  # standard deviations in a half-width
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -24,6 +24,8 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from .cures import ask_meant
+from .laws import LAWS, RANDOM
+from .laws import Distribution as Distribution
 from .ranges import COVERAGE, DIRECTION, IMAGE_PX, MATRIX, NOISE_PX, PIXEL_MM, PLACE_MM, TURN_DEG
 
 LENGTH = 1e5  # mm
@@ -123,15 +125,6 @@ def one_of(kind: type[StrEnum]) -> Any:
     return BeforeValidator(check, json_schema_input_type=kind)
 
 
-class Distribution(StrEnum):
-    """Law of a tolerance of half-width h."""
-
-    NORMAL = "normal"
-    UNIFORM = "uniform"
-    TRIANGULAR = "triangular"
-    BOUNDED = "bounded"
-
-
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
 Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
@@ -166,14 +159,14 @@ Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient, MATRIX]
 Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient, PLACE_MM]  # that of its fourth column
 
 AnyLaw = Annotated[Distribution, one_of(Distribution)]
-RandomLaw = Literal["normal", "uniform", "triangular"]
+if TYPE_CHECKING:
+    RandomLaw = str
+else:
+    RandomLaw = Literal[tuple(law.value for law in RANDOM)]
 CoverageFactor = Annotated[float, Field(ge=0.1, le=10), Typical(1, 3), COVERAGE]
 
-LAW_WORDS = (
-    "Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; "
-    "uniform: anything in +-h alike; triangular: most often near zero"
-)
-BOUNDED_WORDS = LAW_WORDS + "; bounded: no law is claimed, only the worst case over +-h counts."
+LAW_WORDS = "Law of the deviation within the half-width h. " + "; ".join(f"{law}: {LAWS[law].words}" for law in RANDOM)
+BOUNDED_WORDS = f"{LAW_WORDS}; bounded: {LAWS[Distribution.BOUNDED].words}."
 COVERAGE_WORDS = (
     "normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, "
     "3: 99.7 %). Default 2."

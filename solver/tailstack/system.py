@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
 from .geometry.rotation import RotationForm
+from .laws import Law as Law
+from .laws import count_sigmas
 from .levels import Drawn, level_of
 from .measures import Metric, derived_of, metrics_of
 from .measures.measure import MeasuredBody
@@ -31,23 +33,11 @@ ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 TORSOR_COMPONENTS = (*ROTATIONS, *TRANSLATIONS)
 
 
-class Law(StrEnum):
-    """Law of one scalar tolerance of half-width h.  BOUNDED has no law: only its worst case counts.
-
-    Who else knows a law: docs/adding/estimator.md.
-    """
-
-    NORMAL = "normal"  # standard deviation h / coverage factor
-    UNIFORM = "uniform"  # standard deviation h / sqrt(3)
-    TRIANGULAR = "triangular"  # standard deviation h / sqrt(6)
-    BOUNDED = "bounded"  # anywhere within +-h
-
-
 def std_per_half_width(law: Law, coverage_factor: float = 1.0) -> float:
     """Standard deviation of a source in its half-widths; 0 where it has no law.  coverage_factor: of a normal one."""
     if law is Law.NORMAL:
         return 1 / coverage_factor
-    return {Law.UNIFORM: 1 / sqrt(3), Law.TRIANGULAR: 1 / sqrt(6), Law.BOUNDED: 0.0}[law]
+    return 0.0 if law is Law.BOUNDED else 1 / count_sigmas(law)
 
 
 class Reading(StrEnum):
@@ -518,7 +508,7 @@ class System:
     views: tuple[View, ...]  # two or more
     fiducial_labels: tuple[str, ...]  # N of them
     fiducials_mm: Array  # (N, 3) con, nominal
-    manufacturing_law: Law  # NORMAL, UNIFORM or TRIANGULAR
+    manufacturing_law: Law  # not BOUNDED
     manufacturing_half_width_mm: Array  # (N, 3)
     manufacturing_coverage_factor: float  # only meaningful for NORMAL
     structure_connector: DirectEffect  # the mount at ``Place.SEAT``

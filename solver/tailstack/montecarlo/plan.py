@@ -18,8 +18,8 @@ temperature            likewise                                                 
 assumed_intrinsics:VIEW likewise, where the estimator believes them                   installation
 =====================  ============================================================  ============
 
-Deviates are *standardised*: NORMAL is N(0, 1) times half-width / coverage factor; UNIFORM is on [-1, 1]
-and TRIANGULAR on [-1, 1] with its mode at 0, both times the half-width.  BOUNDED sources are not random:
+Deviates are *standardised*: NORMAL is N(0, 1) times half-width / coverage factor; every other law is on [-1, 1] about
+0, times the half-width.  BOUNDED sources are not random:
 they stand at a vertex, given as fractions of their half-widths.
 
 Which fiducials a shot misses is no column: it is drawn from a stream of its own (``chain.draw_losses``), so that the
@@ -43,6 +43,7 @@ from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
 from ..geometry.rotation import RotationForm
+from ..laws import SUMS
 from ..levels import Drawn
 from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, View, Weighing, std_per_half_width
 from .tables import (
@@ -74,7 +75,7 @@ from .tables import (
 )
 
 SHOT_PLACES = (Place.SHOT, Place.BEADS, Place.CONNECTOR, Place.TOOL)  # of motion, growth and robot
-LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
+LAW_CODE = {Law.NORMAL: 0} | {law: place for place, law in enumerate(SUMS, 1)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +138,7 @@ class ChainPlan:
 
     @property
     def standard_std(self) -> Array:
-        """(d,) standard deviation of each standardised deviate: 1, 1/sqrt(3) or 1/sqrt(6)."""
+        """(d,) standard deviation of each standardised deviate: 1, of uniform ones 1/sqrt(3)."""
         return np.array([std_per_half_width(law) for law in self.laws])
 
 

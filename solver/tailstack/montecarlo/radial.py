@@ -19,7 +19,7 @@ checked, not assumed; where it does not hold the method refuses and plain sampli
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
 from typing import NamedTuple, Protocol
@@ -30,6 +30,7 @@ from scipy.special import erfc, ndtr, stdtrit
 
 from ..errors import OutOfRangeError, Problem
 from ..geometry.arrays import Array
+from ..laws import SUMS, find_size
 from ..results import Interval
 from ..system import Effect, Law
 from .chain import evaluate, measure_errors, standard_normals
@@ -127,9 +128,11 @@ def _rotations(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def _triangular(p: Array) -> Array:
-    """Inverse of the triangular distribution on [-1, 1] at probabilities p."""
-    return np.asarray(np.where(p < 0.5, np.sqrt(2 * p) - 1, 1 - np.sqrt(2 * (1 - p))))
+def _find_deviate(law: Law, p: Array) -> Array:
+    """Inverse distribution of a law that is a sum, in half-widths, at probabilities p."""
+    below = p < 0.5
+    size = find_size(law, 2 * np.where(below, p, 1 - p))
+    return np.where(below, -size, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,15 +144,12 @@ class _Rays:
     linear: LinearChain
     direction: Array  # (n, d)
     offset: Array  # (n, d)
-    uniform: NDArray[np.int64]  # columns of that law
-    triangular: NDArray[np.int64]
+    sums: Mapping[Law, NDArray[np.int64]]  # the columns of each law in SUMS that has some
 
     def standardise(self, rho: Array, rays: NDArray[np.int64]) -> Array:
         x: Array = self.offset[rays] + rho[:, None] * self.direction[rays]
-        if len(self.uniform):
-            x[:, self.uniform] = 2 * ndtr(x[:, self.uniform]) - 1
-        if len(self.triangular):
-            x[:, self.triangular] = _triangular(ndtr(x[:, self.triangular]))
+        for law, columns in self.sums.items():
+            x[:, columns] = _find_deviate(law, ndtr(x[:, columns]))
         return x
 
     def chain(self, rho: Array, rays: NDArray[np.int64]) -> Array:
@@ -159,7 +159,7 @@ class _Rays:
     def linear_crossing(self, r: float, start: Array) -> tuple[Array, Array]:
         """Crossings of the linear model and d|e| / d rho there: in closed form when every input is Gaussian."""
         everyone = np.arange(len(start), dtype=np.int64)
-        if len(self.uniform) or len(self.triangular):
+        if self.sums:
             rho, _ = _crossings(self.first_order, r, start)
             slope = (r - self.first_order(0.999 * rho, everyone)) / (0.001 * rho)
             return rho, np.where(slope > 0, slope, r / rho)
@@ -267,8 +267,7 @@ def radial(
     if plan.system.loss_probability:
         raise _refuse("radial-losses", "the design says how often fiducials are missed, which no ray shows")
     laws = plan.laws
-    uniform = np.array([k for k, law in enumerate(laws) if law is Law.UNIFORM], dtype=np.int64)
-    triangular = np.array([k for k, law in enumerate(laws) if law is Law.TRIANGULAR], dtype=np.int64)
+    sums = {each: np.array([k for k, law in enumerate(laws) if law is each]) for each in SUMS if each in laws}
     if plan.dimension < 3:
         raise _refuse("radial-too-few-inputs", f"three random inputs are needed, the design has {plan.dimension}")
     basis = np.linalg.svd(linear.gain * plan.standard_std, full_matrices=False)[2].T  # (d, 3), orthonormal
@@ -278,7 +277,7 @@ def radial(
     turns = _rotations(standard_normals(seed, 3, randomisations, 4))
     direction = (_sphere(rays) @ np.swapaxes(turns, 1, 2)).reshape(count, 3) @ basis.T
     offset = normal - (normal @ basis) @ basis.T
-    lines = _Rays(plan, metric, linear, direction, offset, uniform, triangular)
+    lines = _Rays(plan, metric, linear, direction, offset, sums)
 
     r = linear.quantile_mm
     at_linear, slope = lines.linear_crossing(r, np.full(count, 2.8))

@@ -10,7 +10,7 @@ work per word.
 
 Normals are Box-Muller pairs from 52-bit uniforms: radius up to 8.49, angle from an eighth of the circle
 and two further bits.  Order: each run of columns with one law and stream (``plan._segments``) is drawn left to
-right; normals in pairs (an odd run drops the last half), one word per uniform, two per triangular.
+right; normals in pairs (an odd run drops the last half), of other laws one word for each part (``laws.PARTS``).
 
 log, sine and cosine are computed in lanes, without a maths library: polynomials of the usual kind (Cody-Waite
 reduction, the minimax coefficients of fdlibm), written with explicit fused multiply-adds: libm differs in its last
@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..laws import PARTS, SUMS
 from .lanes import (
     as_bits,
     as_lanes,
@@ -47,6 +48,7 @@ _B1, _B2, _B12, _B17, _B19, _B23, _B27, _B30, _B31, _B33, _B41, _B45, _B62 = (
     np.uint64(k) for k in (1, 2, 12, 17, 19, 23, 27, 30, 31, 33, 41, 45, 62)
 )
 _SIGN = np.uint64(1 << 63)
+_WIDTHS = 2.0 * np.array([PARTS[law] for law in SUMS])  # (laws, 2): whole widths of the parts
 
 
 def _mix_int(z: int) -> int:
@@ -135,12 +137,10 @@ def fill_deviates(segments, stream, key, index, z):
         else:
             while column < end:
                 word, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
-                value = one_to_two(word) - splat(1.5)
-                if law == 1:
-                    value = value + value
-                else:
+                value = (one_to_two(word) - splat(1.5)) * splat(_WIDTHS[law - 1, 0])
+                if _WIDTHS[law - 1, 1] > 0.0:
                     word, s0, s1, s2, s3 = next_word(s0, s1, s2, s3)
-                    value = value + (one_to_two(word) - splat(1.5))
+                    value = value + (one_to_two(word) - splat(1.5)) * splat(_WIDTHS[law - 1, 1])
                 store(z, 8 * column, value)
                 column += 1
 

@@ -19,6 +19,7 @@ from scipy.special import ndtri
 
 from ..contributors import WorstCase, columns_of, declared_law, law_of, worst_case
 from ..geometry.arrays import Array
+from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
 from ..propagation.linear import ErrorModel
 from ..results.verdicts import P95
@@ -377,9 +378,7 @@ def error_moments(
     mean = (plain(bias) if bias.dtype != object else bias) + images.shift
     gains = (*terms.gains.at(pivot_shift), *images.gains)
     covariance = {True: images.made, False: images.noise}
-    columns: dict[tuple[bool, Law], list[ArrayLike]] = {
-        (held, law): [] for held in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
-    }
+    columns: dict[tuple[bool, Law], list[ArrayLike]] = {(held, law): [] for held in (True, False) for law in SUMS}
     fixed = {True: np.zeros((3, 3)), False: np.zeros((3, 3))}
     ends = {index: signs[b] for b, index in enumerate(terms.at_ends)}
     for index, source in enumerate((*terms.sources, *terms.common)):
@@ -396,7 +395,7 @@ def error_moments(
         else:
             variance = (source.std_per_half_width * size) ** 2
             covariance[source.held] = covariance[source.held] + times(np.outer(gain, gain), variance)
-        if source.law in (Law.UNIFORM, Law.TRIANGULAR):
+        if source.law in SUMS:
             columns[source.held, source.law].append(times(gain, size))
     return ErrorMoments(
         mean,
@@ -412,11 +411,11 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
     Pooled: of everything together.  Nested: of each unit's or mounting's own shots, that of
     the required fraction of them.
     """
-    p, laws = demand.requirement.quantile, (Law.UNIFORM, Law.TRIANGULAR)
+    p = demand.requirement.quantile
     if demand.nested:
-        once = (tuple(law.columns[True, each]) for each in laws)
+        once = (tuple(law.columns[True, each]) for each in SUMS)
         return unit_quantile_squared(p, demand.fraction, law.mean, law.unit, law.shot, *once)
-    every = ((*law.columns[True, each], *law.columns[False, each]) for each in laws)
+    every = ((*law.columns[True, each], *law.columns[False, each]) for each in SUMS)
     return pearson_square(*square_cumulants(law.mean, law.unit + law.shot, *every), float(ndtri(p)))
 
 

@@ -46,12 +46,14 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..geometry.arrays import Array
+from ..laws import PARTS, SUMS
 
 THIRD_OF_ROOT_2 = sqrt(2) / 3
 
 # Cumulants of one unit of half-width.
 KAPPA4_UNIFORM, KAPPA6_UNIFORM = -2 / 15, 16 / 63
-KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR = -1 / 60, 1 / 126  # the sum of two uniforms of half the width
+KAPPA4 = tuple(KAPPA4_UNIFORM * sum(width**4 for width in PARTS[law]) for law in SUMS)
+KAPPA6 = tuple(KAPPA6_UNIFORM * sum(width**6 for width in PARTS[law]) for law in SUMS)
 
 Vector = Sequence[Any] | Array
 Matrix = Sequence[Vector] | Array
@@ -60,12 +62,10 @@ Matrix = Sequence[Vector] | Array
 _TINY = 1e-12
 
 
-def square_cumulants(
-    mean: Vector, covariance: Matrix, uniform: Matrix = (), triangular: Matrix = ()
-) -> tuple[Any, Any, Any]:
+def square_cumulants(mean: Vector, covariance: Matrix, *columns: Matrix) -> tuple[Any, Any, Any]:
     """(c1, c2, c3) of |e|^2.  mean: 3 scalars, mm; covariance: 3 rows of 3, mm^2.
 
-    The covariance is the total one, sources included.  uniform, triangular: columns of 3 scalars, each the
+    The covariance is the total one, sources included.  columns: of each law in SUMS, columns of 3 scalars, each the
     displacement at one end of the source's half-width, mm.
     """
     axes = range(3)
@@ -74,11 +74,8 @@ def square_cumulants(
     c1 = sum(covariance[i][i] + mean[i] * mean[i] for i in axes)
     c2 = sum(s_2[i][i] + 2 * mean[i] * s_m[i] for i in axes)
     c3 = sum(sum(s_2[i][j] * covariance[j][i] for j in axes) + 3 * s_m[i] * s_m[i] for i in axes)
-    for columns, kappa4, kappa6 in (
-        (uniform, KAPPA4_UNIFORM, KAPPA6_UNIFORM),
-        (triangular, KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR),
-    ):
-        for g in columns:
+    for each, kappa4, kappa6 in zip(columns, KAPPA4, KAPPA6, strict=False):
+        for g in each:
             gg = sum(g[i] * g[i] for i in axes)
             gm = sum(g[i] * mean[i] for i in axes)
             gsg = sum(g[i] * sum(covariance[i][j] * g[j] for j in axes) for i in axes)
@@ -88,11 +85,9 @@ def square_cumulants(
 
 
 def columns_in_cumulants(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """What columns (..., 3, k) mm of uniform (0) and triangular (1) kinds (k,) add to :func:`square_cumulants`, for any
-    mean m and total covariance S: (...) mm^4 to c2, and ``rest + tr(M (S + mm'))``, (...) mm^6 and M (..., 3, 3) mm^4,
-    to c3."""
-    kappa4 = np.where(kinds == 1, KAPPA4_TRIANGULAR, KAPPA4_UNIFORM)
-    kappa6 = np.where(kinds == 1, KAPPA6_TRIANGULAR, KAPPA6_UNIFORM)
+    """What columns (..., 3, k) mm of laws (k,), places in SUMS, add to :func:`square_cumulants`, for any mean m and
+    total covariance S: (...) mm^4 to c2, and ``rest + tr(M (S + mm'))``, (...) mm^6 and M (..., 3, 3) mm^4, to c3."""
+    kappa4, kappa6 = np.array(KAPPA4)[kinds], np.array(KAPPA6)[kinds]
     square = (columns**2).sum(axis=-2)
     shape = (columns * (1.5 * kappa4 * square)[..., None, :]) @ np.swapaxes(columns, -1, -2)
     return (kappa4 / 2 * square**2).sum(axis=-1), (kappa6 / 8 * square**3).sum(axis=-1), shape
@@ -142,12 +137,7 @@ def _pearson_slopes(p: float, cumulants: tuple[Any, Any, Any]) -> tuple[Any, Any
 
 
 def _moment_at_quantile(
-    fraction: float,
-    metric: Matrix,
-    mean: Vector,
-    covariance: Matrix,
-    uniform: Matrix,
-    triangular: Matrix,
+    fraction: float, metric: Matrix, mean: Vector, covariance: Matrix, columns: Sequence[Matrix]
 ) -> list[list[Any]]:
     """D (3, 3) mm^2 = E[dd' | d'Qd is at its fraction-quantile], Q the metric: the module's K_n, symmetric."""
     axes = range(3)
@@ -161,11 +151,8 @@ def _moment_at_quantile(
     k1 = [[covariance[i][j] + mm[i][j] for j in axes] for i in axes]
     k2 = [[s_2[i][j] + a[i] * mean[j] + mean[i] * a[j] for j in axes] for i in axes]
     k3 = [[s_3[i][j] + aa[i] * mean[j] + mean[i] * aa[j] + a[i] * a[j] for j in axes] for i in axes]
-    for columns, kappa4, kappa6 in (
-        (uniform, KAPPA4_UNIFORM, KAPPA6_UNIFORM),
-        (triangular, KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR),
-    ):
-        for g in columns:
+    for each, kappa4, kappa6 in zip(columns, KAPPA4, KAPPA6, strict=False):
+        for g in each:
             q_g = _apply(metric, g)
             s_g = _apply(covariance, q_g)
             gg = sum(g[i] * q_g[i] for i in axes)
@@ -187,15 +174,14 @@ def unit_quantile_squared(
     mean: Vector,
     installation_covariance: Matrix,
     shot_covariance: Matrix,
-    uniform: Matrix,
-    triangular: Matrix,
+    *columns: Matrix,
 ) -> Any:
     """Square, mm^2, of the approximate fraction-quantile over units of a unit's own p-quantile over shots.
 
     mean: of the installation, 3 scalars, mm; the covariances, 3 rows of 3, mm^2, are total ones, each of its part;
-    uniform, triangular: columns of the installation as in :func:`square_cumulants`.  Smooth also where the shots or
-    the installation vanish, thanks to 1e-12 (tr of both covariances + |mean|^2) added to each variance; undefined
-    where mean and covariances are all zero.
+    columns: of the installation, as in :func:`square_cumulants`.  Smooth also where the shots or the installation
+    vanish, thanks to 1e-12 (tr of both covariances + |mean|^2) added to each variance; undefined where mean and
+    covariances are all zero.
     """
     axes = range(3)
     identity = [[float(i == j) for j in axes] for i in axes]
@@ -211,8 +197,8 @@ def unit_quantile_squared(
             _trace(shot, shot_2) + 3 * _trace(shot_2, moment),
         )
 
-    moment = _moment_at_quantile(fraction, identity, mean, installation, uniform, triangular)
+    moment = _moment_at_quantile(fraction, identity, mean, installation, columns)
     by_c2, by_c3 = _pearson_slopes(p, shot_cumulants(moment))
     metric = _mix(identity, _mix(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
-    moment = _moment_at_quantile(fraction, metric, mean, installation, uniform, triangular)
+    moment = _moment_at_quantile(fraction, metric, mean, installation, columns)
     return pearson_square(*shot_cumulants(moment), float(ndtri(p)))

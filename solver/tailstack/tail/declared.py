@@ -1,6 +1,6 @@
 """The law of |e| for the linear model with its declared tolerances: uniform and triangular ones as they are.
 
-    e = m + N(0, S) + sum_j h_j u_j,       u_j uniform or triangular on (-1, 1), independent
+    e = m + N(0, S) + sum_j h_j u_j,       u_j on (-1, 1) by a law in SUMS (uniform, triangular), independent
 
 Exact by a lattice sum of the characteristic function (``lattice.py``).  A law with no column is Gaussian and goes to
 ``gaussian.py``.  A law too sharp for the lattice (its spread in some direction tiny beside r, or few bounded
@@ -23,6 +23,7 @@ from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
+from ..laws import PARTS, SUMS, Law
 from .approximation import pearson_square
 from .contour import cumulant
 from .elementary import sine_and_cosine
@@ -52,8 +53,9 @@ from .lattice import (
 )
 from .sampling import Sample, sample
 
-UNIFORM, TRIANGULAR = 0, 1
-_VARIANCES = np.array([1 / 3, 1 / 6])
+UNIFORM, TRIANGULAR = SUMS.index(Law.UNIFORM), SUMS.index(Law.TRIANGULAR)
+_WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
+_VARIANCES = (_WIDTHS**2).sum(axis=1) / 3
 
 GAUSSIAN_METHOD = "exact (Gaussian, contour integral)"
 LATTICE_METHOD = "exact (characteristic function on a lattice)"
@@ -79,7 +81,7 @@ class LinearLaw:
     mean: Array  # (3,) mm
     covariance: Array  # (3, 3) mm^2: the Gaussian part only
     columns: Array  # (3, k) mm
-    kinds: NDArray[np.int64]  # (k,) UNIFORM or TRIANGULAR
+    kinds: NDArray[np.int64]  # (k,) places in SUMS
 
     @property
     def total_covariance(self) -> Array:
@@ -88,7 +90,7 @@ class LinearLaw:
 
 
 def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
-    """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
+    """((K, 3) uniform columns, (K,) source of each): each law is the sum of one or two, ``laws.PARTS``.
 
     Columns of length zero are dropped.
     """
@@ -253,12 +255,13 @@ class DeclaredLaw:
             return None
         k, even, axes = terms.k, terms.even, self.frame.axes
         gradient = np.zeros((3, self.law.kinds.size))
-        for h, source in zip(self.frame.h, self.source, strict=True):
+        narrow = np.arange(self.source.size) >= np.unique(self.source).size
+        shares = _WIDTHS[self.law.kinds[self.source], narrow.astype(np.int64)]
+        for h, source, share in zip(self.frame.h, self.source, shares, strict=True):
             x = k @ h
             sine, near = np.sin(x), np.abs(x) < 1e-2
             far = np.where(near, 1.0, x)
             slope = np.where(near, -x / 3 - x**3 / 45, np.cos(x) * sine / np.maximum(sine**2, 1e-24) - 1 / far)
-            share = 0.5 if self.law.kinds[source] == TRIANGULAR else 1.0
             gradient[:, source] += share * (axes @ ((even * slope) @ k))
             if terms.radius:
                 gradient[:, source] += share * (axes @ (terms.rising_odd @ slope * terms.tilt))
@@ -478,23 +481,23 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
 
 @kernel()
 def split_columns(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """:func:`lattice_columns` of columns (3, k) mm and their kinds (k,): the second halves come last."""
+    """:func:`lattice_columns` of columns (3, k) mm and their kinds (k,): the narrow parts come last."""
     count = kinds.size
     felt = np.zeros(count, dtype=np.bool_)
     size = 0
     for j in range(count):
         if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
             felt[j] = True
-            size += 2 if kinds[j] == TRIANGULAR else 1
+            size += 2 if _WIDTHS[kinds[j], 1] > 0.0 else 1
     h = np.empty((size, 3))
     source = np.empty(size, dtype=np.int64)
     n = 0
-    for second in range(2):
+    for part in range(2):
         for j in range(count):
-            halved = kinds[j] == TRIANGULAR
-            if felt[j] and (halved or second == 0):
+            width = _WIDTHS[kinds[j], part]
+            if felt[j] and width > 0.0:
                 for a in range(3):
-                    h[n, a] = columns[a, j] * (0.5 if halved else 1.0)
+                    h[n, a] = columns[a, j] * width
                 source[n] = j
                 n += 1
     return h, source

@@ -5,7 +5,7 @@ Lay copies of the law on a lattice of periods L_a.  Integrated over the ball of 
     sum_n P(|e - n L| <= r) = (1 / (L_1 L_2 L_3)) sum_k phi(k) B_r(|k|),     k_a = 2 pi n_a / L_a
 
 with ``phi(k) = exp(i k'm - k'S k / 2) prod_j sin(k'h_j) / (k'h_j)``, u_j uniform on (-1, 1), and B_r the Fourier
-transform of the ball.  (A triangular source is two uniform ones of half the width: the caller splits it.)  The
+transform of the ball.  (A source that is the sum of two uniform ones is split by the caller.)  The
 copies other than the law itself reach the ball only if some ``|e_a - m_a| > L_a - r - |m_a|``.  Uniform laws are
 strictly sub-Gaussian (their moment generating function lies below the normal one of equal variance), so with
 ``L_a = r + |m_a| + c sigma_a`` that has probability below ``2 exp(-c^2/2)`` per axis.  The sum on the right
