@@ -14,6 +14,7 @@ from service_scenes import ROOT
 
 from family import run_process, run_python
 from tailstack.effects import EFFECTS
+from tailstack.laws import LAWS
 from tailstack_service.cli.main import verbs
 from tailstack_service.environment import OTHERS
 from tailstack_service.problems import CATALOGUE
@@ -44,6 +45,11 @@ def test_every_path_is_described(path: str) -> None:
 def test_every_problem_is_listed_with_its_status(slug: str) -> None:
     row = next(line for line in HTTP.splitlines() if re.match(rf"\| \d.*`{slug}`", line))
     assert str(CATALOGUE[slug].status) in row.split("|")[1]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law_is_described(law: str) -> None:
+    assert f"\n| `{law}` | " in (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=str)
@@ -157,6 +163,21 @@ def test_every_file_and_module_that_a_page_names_is_there(page: Path) -> None:
     modules = [span for span in spans if re.fullmatch(r"tailstack(_service)?(\.[a-z_]+)+", span)]
     assert [path for path in paths if path not in A_USERS_OWN and not exists(path, page)] == []
     assert [name for name in modules if find_spec_of(name) is None] == []
+
+
+NAMED = re.compile(r"`([\w/]+\.py)`: ((?:`\w+`(?:, | and )?)+)")  # what is in a file: `file.py`: `name`, `other`
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in HISTORY], ids=str)
+def test_what_a_page_says_is_in_a_file_is_there(page: Path) -> None:
+    missing = []
+    for name, listed in NAMED.findall((ROOT / page).read_text(encoding="utf-8")):
+        places = [ROOT / room / name for room in (*ROOMS, page.parent)]
+        text = "\n".join(place.read_text(encoding="utf-8") for place in places if place.is_file())
+        for word in re.findall(r"\w+", listed):
+            if not re.search(rf"^\s*(def |class )?{word}\b", text, re.MULTILINE):
+                missing.append(f"{name}: {word}")
+    assert missing == []
 
 
 def find_spec_of(name: str) -> object:
