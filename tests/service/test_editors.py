@@ -18,6 +18,7 @@ from jsonschema_rs import Draft202012Validator as QuickDraft2020
 from service_scenes import EXAMPLES, client_with, small_design
 
 from tailstack.design import design_to_yaml, load_design
+from tailstack.laws import Law
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import TITLES, json_schema
 
@@ -236,7 +237,7 @@ def test_editor_completes_values(session: Editor) -> None:
         ("fiducial_noise_px: 0.3", "fiducial_noise_mm: 0.3", "fiducial_noise_mm", "not allowed"),
         ("target_noise_px: 0.3", "target_noise_px: '0.3'", "'0.3'", 'Expected "number"'),
         ("half_width_deg: 0.10", "half_width_deg: -0.10", "-0.10", "below the minimum of 0"),
-        ("distribution: normal", "distribution: gauss", "gauss", '"normal", "uniform", "triangular", "bounded"'),
+        ("distribution: normal", "distribution: gauss", "gauss", ", ".join(f'"{law}"' for law in Law)),
         ("isocentre_mm: [0, 0, 0]", "isocentre_mm: [0, 0]", "[0, 0]", "Expected 3"),
         ("preset: siemens-cios-fusion", "preset: simens", "simens", '"siemens-cios-fusion"'),
     ],

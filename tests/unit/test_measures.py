@@ -157,8 +157,9 @@ def test_lateral_and_axial_errors_are_the_components_of_every_trial() -> None:
     errors = run_indices(compile_plan(system), 5, 0, 20_000).errors[0, 0]
     direction = system.T_tcp_con[:3, :3] @ np.array([1.0, 2.0, -2.0]) / 3
     each = {"lateral": np.linalg.norm(np.cross(direction, errors.T), axis=1), "axial": np.abs(direction @ errors)}
-    assert [found.measure for found in first.measures] == ["lateral", "axial"]
-    for estimate, check in zip(first.measures, drawn.measures, strict=True):
+    told = [(one, check) for one, check in zip(first.measures, drawn.measures, strict=True) if check.measure in each]
+    assert [estimate.measure for estimate, _ in told] == list(each)
+    for estimate, check in told:
         norms = np.sort(each[check.measure])
         assert (check.site, check.unit) == ("tip", "mm")
         assert check.p95 == pytest.approx(norms[19_000 - 1], rel=1e-12)
@@ -168,7 +169,7 @@ def test_lateral_and_axial_errors_are_the_components_of_every_trial() -> None:
         spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.02 * estimate.p95
         assert low - spread < estimate.p95 < high + spread
     side = drawn.verdict.checks[-1]
-    assert (side.error, side.value, side.unit) == ("lateral", drawn.measures[0].p95, "mm")
+    assert (side.error, side.value, side.unit) == ("lateral", told[0][1].p95, "mm")
     assert first.verdict.checks[-1].open_because == (
         "what first order errs by in the lateral error at the tool was not calibrated"
     )
