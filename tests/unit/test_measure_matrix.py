@@ -1,0 +1,272 @@
+"""Every measure, declared and limited, in front of everything that has to know of it.
+
+Each pair of a consumer, a function ``meet_NAME``, and a measure is a test; where a consumer does not take a measure, it
+says so, and ``HOLES`` has the words.  ``PYTHONPATH=tests python tests/unit/test_measure_matrix.py`` writes the pairs
+into docs/measures.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import json
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from plain_data import DEMO
+from tailstack import DesignFunction, load_design, score, score_batch, verify
+from tailstack.errors import TailstackError
+from tailstack.measures import MEASURE, MEASURES, POINTS, Measure
+from tailstack.optimisation.exact_law import image_parts
+from tailstack.optimisation.problem import present_choice
+from tailstack.optimisation.symbols import plain
+from tailstack.optimisation.task import read_task
+from tailstack.optimisation.terms import (
+    estimator_affine,
+    image_parts_at,
+    lay,
+    linearise_demand,
+    pivot_shift_of,
+    terms_of,
+)
+from tailstack.results import Check, Score, Verification
+from tailstack_service.cli.main import main
+from tailstack_service.schemas import json_schema
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "measures.md"
+HEAD = """# Measures and who knows of them
+
+What a requirement may limit is a file of `solver/tailstack/measures/`, a *measure*
+([what each is](design.md#what-a-requirement-limits)). Each pair of a measure and a consumer is a test: the demo with a
+trajectory and a body has a requirement on it, and the consumer has to meet it.
+`./run test tests/unit/test_measure_matrix.py -k MEASURE-CONSUMER` runs one, and that file writes this page. A number
+stands where a consumer refuses a measure or does without, and the list below says why.
+
+"""
+BUDGET = "the budget by effects, and the histogram of a report, are of the errors at one target"
+HOLES = {  # by consumer: measures that it does not take, and the words of the page
+    "budget": (lambda measure: measure not in POINTS, BUDGET),
+}
+COORDINATE = "/fiducials/points/0/position_mm/0"
+
+
+NUMBER = {consumer: number for number, consumer in enumerate(HOLES, 1)}
+
+
+def is_hole(measure: Measure, consumer: str) -> bool:
+    return consumer in HOLES and HOLES[consumer][0](measure)
+
+
+class Subject:
+    """The demo with a trajectory and a body, and a limit on every measure that is taken."""
+
+    def __init__(self, **requirement: Any) -> None:
+        taken = [measure for measure in MEASURES if not (requirement and is_hole(measure, "units"))]
+        self.data = json.loads(json.dumps(DEMO))
+        tip = self.data["targets"][0]
+        x, y, z = tip["position_mm"]
+        tip |= {"entry": "entry"}
+        self.data["targets"] += [
+            {"name": "entry", "position_mm": [x, y, z - 30]},
+            {"name": "side", "position_mm": [x + 20, y + 10, z]},
+        ]
+        self.data["bodies"] = [{"name": "implant", "targets": ["tip", "entry", "side"]}]
+        self.data["requirements"] = [
+            {"name": measure.name, "error": measure.name, measure.limit_field: 2.0, **requirement} for measure in taken
+        ]
+        asked = [measure.name for measure in taken if not is_hole(measure, "optimiser")]
+        self.data["optimise"]["requirement"] = asked
+        self.design = load_design(self.data)
+
+    @cached_property
+    def score(self) -> Score:
+        return score(self.design)
+
+    @cached_property
+    def verification(self) -> Verification:
+        return verify(self.design, trials=20_000, seed=3)
+
+    @cached_property
+    def table(self) -> dict[str, Any]:
+        at = self.data["fiducials"]["points"][0]["position_mm"][0]
+        return dict(score_batch(self.design, {COORDINATE: [at, at + 1]}, columns=("value",)).columns)
+
+    @cached_property
+    def gate(self) -> Any:
+        return json.loads(tailstack(self.data, "gate", "--mode", "analytic", "--format", "json"))["designs"][0]
+
+    @cached_property
+    def page(self) -> str:
+        return html.unescape(tailstack(self.data, "report", "--parts", "score", "--format", "html"))
+
+    def check(self, measure: Measure) -> Check:
+        return check_of(self.score.verdict.checks, measure)
+
+
+@cache
+def subject() -> Subject:
+    return Subject()
+
+
+@cache
+def subject_of_units() -> Subject:
+    return Subject(risk="per_unit", min_yield=0.9)
+
+
+def check_of(checks: Sequence[Check], measure: Measure) -> Check:
+    """The first of a measure's requirement."""
+    return next(check for check in checks if check.requirement == measure.name)
+
+
+def tailstack(data: dict[str, Any], command: str, *options: str) -> str:
+    """What a command prints of a design, or writes."""
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    with TemporaryDirectory() as folder, contextlib.redirect_stdout(out):
+        design = Path(folder) / "d.json"
+        design.write_text(json.dumps(data), encoding="utf-8")
+        if command == "report":
+            main([command, str(design), *options, "-o", str(Path(folder) / "out")])
+            (page,) = (Path(folder) / "out").glob("*.html")
+            return page.read_text(encoding="utf-8")
+        main([command, str(design), *options])
+    out.flush()
+    return out.buffer.getvalue().decode()
+
+
+def meet_score(own: Subject, measure: Measure) -> None:
+    check = own.check(measure)
+    assert (check.error, check.unit, check.words) == (measure.name, measure.unit, measure.words)
+    assert 0 < check.value < 10
+
+
+def meet_budget(own: Subject, measure: Measure) -> None:
+    shares = {"tcp": "variance_share", "localisation": "localisation_share"}[measure.name]
+    whole = (line for line in own.score.targets[0].contributors if line.component == "all")
+    assert sum(getattr(line, shares) for line in whole) == pytest.approx(1.0)
+
+
+def meet_simulation(own: Subject, measure: Measure) -> None:
+    """sampled: P95 of 20,000 trials has a standard error of 1.2 % at most; first order leaves out less than 1 %."""
+    drawn, estimate = check_of(own.verification.verdict.checks, measure), own.check(measure)
+    assert (drawn.target, drawn.unit) == (estimate.target, estimate.unit)
+    assert drawn.value == pytest.approx(estimate.value, rel=0.06)
+    assert drawn.interval[0] < drawn.value < (drawn.interval[1] or 0)
+
+
+def meet_units(own: Subject, measure: Measure) -> None:
+    """independent: of what keeps its own P95 within the value 90 % do; the limit is beyond nearly all."""
+    check = subject_of_units().check(measure)
+    assert check.yield_fraction is not None
+    assert (check.value <= check.limit) == (check.yield_fraction >= 0.9)
+
+
+def meet_losses(own: Subject, measure: Measure) -> None:
+    """brute force: the score of the structure that is left."""
+    line = next(each for each in own.score.losses if each.requirement == measure.name)
+    assert (line.unit, line.value) == (measure.unit, max_of(own.score, measure))
+    (lost,) = line.single.lost
+    points = [point for point in own.data["fiducials"]["points"] if point["label"] != lost]
+    rest = score(load_design({**own.data, "fiducials": {**own.data["fiducials"], "points": points}}), losses=False)
+    assert line.single.value == pytest.approx(max_of(rest, measure), rel=1e-9)
+
+
+def max_of(found: Score, measure: Measure) -> float:
+    return max(check.value for check in found.verdict.checks if check.requirement == measure.name)
+
+
+def meet_batch(own: Subject, measure: Measure) -> None:
+    check = own.check(measure)
+    present, moved = own.table[f"value:{measure.name}:{check.target}"]
+    assert present == pytest.approx(check.value, rel=1e-9)
+    assert moved != present
+
+
+def meet_derivative(own: Subject, measure: Measure) -> None:
+    function, step = DesignFunction(own.design, [COORDINATE]), 1e-2
+    (at,) = function.present
+    ends = [check_of(function.score([at + k * step], losses=False).verdict.checks, measure).value for k in (-1, 1)]
+    value, (slope,) = function.p95_gradient([at], own.check(measure).target, measure.name)
+    assert value == pytest.approx(own.check(measure).value, rel=1e-9)
+    assert slope == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-3, abs=1e-7)
+
+
+def meet_optimiser(own: Subject, measure: Measure) -> None:
+    """independent: the linear model; the optimiser has terms of its own."""
+    problem = read_task(own.design).problems[0]
+    demand = next(each for each in problem.demands if each.requirement.name == measure.name)
+    mechanics = pivot_shift_of(problem, present_choice(problem))
+    told = [plain(part.at(mechanics)) for part in estimator_affine(problem)]
+    term, laid = terms_of(problem, demand), lay(problem, plain(problem.system.fiducials_mm), mechanics)
+    found = image_parts_at(problem.estimation, term, laid, *told, plain(term.reconstructed_mm)).numbers
+    model, _ = linearise_demand(problem.system, demand)
+    wanted = image_parts(model, measure.name).numbers
+    np.testing.assert_allclose(np.asarray(found, float), wanted, rtol=1e-7, atol=1e-12)
+
+
+def meet_gate(own: Subject, measure: Measure) -> None:
+    number = next(each for each in own.gate["numbers"] if each["requirement"] == measure.name)
+    assert (number["error"], number["unit"]) == (measure.name, measure.unit)
+    assert number["value"] == pytest.approx(own.check(measure).value, rel=1e-12)
+
+
+def meet_report(own: Subject, measure: Measure) -> None:
+    assert measure.words in own.page
+
+
+def meet_notebook(own: Subject, measure: Measure) -> None:
+    with patch("tailstack.results.notebook.MOST_ROWS", 99):
+        assert f"P95{measure.brief}<" in html.unescape(own.score._repr_html_())
+
+
+def meet_page(own: Subject, measure: Measure) -> None:
+    """The page makes its fields of the schema: what may be limited, and in which unit."""
+    (field,) = (
+        each["properties"]["error"]
+        for each in json_schema("design")["$defs"].values()
+        if {"limit_mm", "error"} <= each.get("properties", {}).keys()
+    )
+    assert measure.name in field["enum"]
+    assert field["x-limited-by"][measure.name] == measure.limit_field
+
+
+CONSUMERS: dict[str, Callable[[Subject, Measure], None]] = {
+    name.removeprefix("meet_"): meet for name, meet in list(globals().items()) if name.startswith("meet_")
+}
+
+
+@pytest.mark.parametrize("consumer", CONSUMERS)
+@pytest.mark.parametrize("measure", MEASURES, ids=list(MEASURE))
+def test_it_is_met(measure: Measure, consumer: str) -> None:
+    if is_hole(measure, consumer):
+        with pytest.raises((KeyError, StopIteration, TailstackError)):
+            CONSUMERS[consumer](subject(), measure)
+    else:
+        CONSUMERS[consumer](subject(), measure)
+
+
+def write_page() -> str:
+    """The text of docs/measures.md."""
+    rows = [["measure", "unit", *CONSUMERS], ["---"] * (len(CONSUMERS) + 2)]
+    for measure in MEASURES:
+        met = [f"{NUMBER[each]}" if is_hole(measure, each) else "yes" for each in CONSUMERS]
+        rows.append([f"`{measure.name}`", measure.unit, *met])
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    holes = "\n".join(f"{NUMBER[consumer]}. {consumer}: {words}." for consumer, (_, words) in HOLES.items())
+    return f"{HEAD}{table}\n\n{holes}\n"
+
+
+def test_the_page_is_the_matrix() -> None:
+    assert PAGE.read_text(encoding="utf-8") == write_page()
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(), encoding="utf-8")
