@@ -59,11 +59,12 @@ RATIOS = frozenset(
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",
-     "cost_per_fiducial", "cost_weight", "cost_with", "cost_without", "lower_bound", "price", "weight", "worth"}
+     "cost_of_moves", "cost_per_fiducial", "cost_weight", "cost_with", "cost_without", "lower_bound", "price",
+     "weight", "worth"}
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
-    {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "objective_as_aimed", "scaling",
-     "start", "stop", "textbook_objective", "value", "values"}
+    {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "objective_as_aimed",
+     "objective_left", "objective_moved", "scaling", "start", "stop", "textbook_objective", "value", "values"}
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(

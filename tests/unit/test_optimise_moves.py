@@ -187,8 +187,8 @@ def test_with_a_price_of_moving_the_answer_beats_the_plain_optimum_as_written(na
     plain = optimised(data)
     paid, free_of_charge = (cost_with_moves(each, SHIPPED[name]) for each in (stayed, plain))
     assert stayed.cost_after == pytest.approx(paid, rel=1e-9)
-    assert stayed.moving_cost > 0
-    assert plain.moving_cost == 0
+    assert stayed.cost_of_moves > 0
+    assert plain.cost_of_moves == 0
     assert paid < 0.97 * free_of_charge
     assert stayed.certificate.kkt_residual < 1e-5
     assert stayed.cost_exact_law is not None
@@ -197,7 +197,7 @@ def test_with_a_price_of_moving_the_answer_beats_the_plain_optimum_as_written(na
     assert all(way == 0 or way > SMOOTH_MM for way in ways)
     # the same price at twice as much moves less
     dearer = optimised(data | {"optimise": data["optimise"] | {"stay": {"cost_per_mm": 3 * SHIPPED[name]}}})
-    assert dearer.moving_cost / (3 * SHIPPED[name]) < stayed.moving_cost / SHIPPED[name]
+    assert dearer.cost_of_moves / (3 * SHIPPED[name]) < stayed.cost_of_moves / SHIPPED[name]
 
 
 @pytest.mark.long
@@ -220,18 +220,23 @@ def test_nothing_moves_further_than_it_may(objective: str) -> None:
 @pytest.mark.long
 def test_what_moving_buys_is_what_the_optimiser_finds_without_it() -> None:
     """independent: the same design with its layout fixed, and with all but the named fiducials fixed."""
-    data = document(6, **moving(starts=4))
-    moves = optimised(data).moves
+    told = optimised(document(6, **moving(starts=4)))
+    result = optimised(document(6, **moving(starts=4, fewest_moves=True)))
+    moves = result.moves
+    assert told.moves is not None
+    assert (told.moves.alone, told.moves.needed, told.moves.evaluations) == ((), (), 0)
+    assert "fewest_moves: true" in told.moves.sentence
+    assert (result.cost_after, positions(result.design)) == (told.cost_after, positions(told.design))
     assert moves is not None
-    assert moves.left is not None
-    assert moves.kept is not None
+    assert moves.objective_left is not None
+    assert moves.kept_fraction is not None
     left = optimised(document(6, **moving(box=None, min_spacing_mm=None)))
-    assert moves.left == pytest.approx(left.cost_closed_form, rel=1e-4)
+    assert moves.objective_left == pytest.approx(left.cost_closed_form, rel=1e-4)
     fixed = [f"F{k}" for k in range(1, 7) if f"F{k}" not in moves.needed]
     few = optimised(document(6, **moving(starts=4, fixed=fixed)))
     assert few.cost_closed_form is not None
-    assert moves.left - few.cost_closed_form >= 0.9 * (moves.left - moves.moved)
-    assert 0.9 <= moves.kept <= 1 + 1e-9
+    assert moves.objective_left - few.cost_closed_form >= 0.9 * (moves.objective_left - moves.objective_moved)
+    assert 0.9 <= moves.kept_fraction <= 1 + 1e-9
     assert len(moves.alone) == 6
     best = min((each.objective, each.label) for each in moves.alone if each.objective is not None)
     alone = optimised(document(6, **moving(starts=4, fixed=[f"F{k}" for k in range(1, 7) if f"F{k}" != best[1]])))

@@ -20,6 +20,7 @@ from ..fields import (
     Point,
     Record,
     exactly_one,
+    leave_out_later,
     refusal,
 )
 from ..ranges import (
@@ -29,6 +30,7 @@ from ..ranges import (
     EXTENT_MM,
     LIMIT_MM,
     MONEY,
+    MOVE_MM,
     SEAT_DEG,
     SEAT_MM,
     SPACING_MM,
@@ -96,7 +98,7 @@ class Stay(Record):
         "cost, with bounds and curves.",
         examples=[2.0],
     )
-    at_most_mm: Annotated[float, Field(ge=0.01, le=1e4), EXTENT_MM] | None = Field(
+    at_most_mm: Annotated[float, Field(ge=0.01, le=1e4), MOVE_MM] | None = Field(
         default=None, description="No free fiducial moves further than that, mm. Any objective.", examples=[10.0]
     )
 
@@ -401,6 +403,11 @@ class Optimise(Record):
         default=None,
         description="A price of moving fiducials, or a bound of it; new ones may be anywhere. Default neither.",
     )
+    fewest_moves: bool = Field(
+        default=False,
+        description="Whether the answer says what each move buys alone and which few keep most of it: up to three more "
+        "optima for each fiducial. Default false.",
+    )
     survive: Survive | None = Field(
         default=None,
         description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
@@ -448,6 +455,8 @@ class Optimise(Record):
         default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
     )
 
+    _as_before = leave_out_later({"fewest_moves": False})
+
     @property
     def frees_tolerances(self) -> bool:
         return bool(self.rotation_bounds or self.translation_bounds or self.tolerances)
@@ -478,7 +487,7 @@ class Optimise(Record):
                 "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change",
                 "add a box",
             )
-        for field in ("keep_out", "symmetry", "count", "stay"):
+        for field in ("keep_out", "symmetry", "count", "stay", "fewest_moves"):
             if getattr(self, field) and not given:
                 raise refusal("unused-field", f"{field} is read only with a region for the fiducials", at=field)
         if self.count is not None and self.regions is not None:

@@ -162,7 +162,7 @@ def value_placement(search: Search, seed: int, control: Control) -> PlacementVal
     problem, best = search.program.problem, search.best_objective
     if not problem.places:
         return None
-    value = _at_layout(search)
+    value = value_layouts(search)
     steering = farthest(problem, search.terms)
     named = textbook_layout(problem)
     textbook, textbook_value = "no textbook layout fits this region", None
@@ -231,7 +231,7 @@ def _part(ratio: float, what: str) -> str:
     return f"{ratio - 1:.1f} times {what}" if ratio < MANY else f"more than {MANY:g} times {what}"
 
 
-def _at_layout(search: Search) -> Callable[[Array], float | None]:
+def value_layouts(search: Search) -> Callable[[Array], float | None]:
     """Layout (N, 3) -> least objective with everything else optimised as it is; None where the limit is out of
     reach."""
     program = search.program

@@ -122,7 +122,9 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
         moves = None
         if not (task.request.graded or optimum.kept):
             found = optimum.optimum
-            moves = value_moves(optimum.search, found.choice, found.problem.system.fiducial_labels, control)
+            wanted = task.request.section.fewest_moves or task.request.section.stay is not None
+            labels = found.problem.system.fiducial_labels
+            moves = value_moves(optimum.search, found.choice, labels, fewest=wanted, control=control)
         return report(task, optimum, counts, front, value, moves)
 
 

@@ -63,8 +63,8 @@ def report(
     count_price = request.section.count.cost_per_fiducial if request.section.count is not None else 0.0
     cost_before += count_price * len(before_system.fiducial_labels)
     fiducials_cost = count_price * len(after_system.fiducial_labels)
-    moving_cost = price_as_written(request, verified.design)
-    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost + moving_cost
+    cost_of_moves = price_as_written(request, verified.design)
+    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost + cost_of_moves
     minimised = problem.objective != "quantile"
     p95_before_mm, p95_after_mm = find_p95_mm(request.design), max(p95_of(compile_design(verified.design), after.in_mm))
     certified = optimum.solution or verified.exact
@@ -127,7 +127,7 @@ def report(
         ),
         provenance=verified.verification.provenance,
         moves=moves,
-        moving_cost=moving_cost,
+        cost_of_moves=cost_of_moves,
         as_it_stood=_say_as_it_stood(
             task, verified, (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
         ),

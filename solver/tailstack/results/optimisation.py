@@ -321,15 +321,15 @@ class MovesValue:
     Objectives are by the closed form: the cost, or the largest quantile over its limit; what moving costs is in them.
     """
 
-    left: float | None
+    objective_left: float | None
     """Objective with all fiducials where they stand; null: what is asked for cannot be kept so."""
-    moved: float
+    objective_moved: float
     """Objective with all of them where the new design has them."""
     alone: tuple[MoveValue, ...]
-    """Each moved alone; empty where moving buys next to nothing, or everything."""
+    """Each moved alone; empty where that was not asked for, and where moving buys next to nothing, or everything."""
     needed: tuple[str, ...]
-    """The fewest found whose moves keep nine tenths of what all buy."""
-    kept: float | None
+    """The fewest found whose moves keep nine tenths of what all buy; empty likewise."""
+    kept_fraction: float | None
     """The part that they keep; null without them."""
     evaluations: int
     """Optima that were solved for to find that."""
@@ -406,8 +406,8 @@ class Optimisation(Result):
     view_offer: ViewOffer | None = None
     """What became of a view that `optimise.views` may add at a price; null where it names none."""
     moves: MovesValue | None = None
-    """What moving fiducials buys; null where none moved or their number changed, with grades, and beyond 20 of them."""
-    moving_cost: float = 0.0
+    """What moving fiducials buys; null where none moved or their number changed, and with grades."""
+    cost_of_moves: float = 0.0
     """The part of `cost_after` that moving fiducials costs by `optimise.stay`; 0 where that asks no price."""
     as_it_stood: str = ""
     """Where the design as it stood lies outside of what was asked for, by how much and what that changes; or why it is
@@ -532,10 +532,14 @@ def moved_table(optimisation: Optimisation) -> Table:
 
 def alone_table(moves: MovesValue) -> Table:
     """What each move buys alone."""
-    left = moves.left
+    left = moves.objective_left
 
     def share(entry: MoveValue) -> float | None:
-        return None if left is None or entry.objective is None else (left - entry.objective) / (left - moves.moved)
+        return (
+            None
+            if left is None or entry.objective is None
+            else (left - entry.objective) / (left - moves.objective_moved)
+        )
 
     columns = (
         Column("Fiducial", of=attrgetter("label")),

@@ -192,7 +192,11 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
         _requirements_table(optimisation, now, before),
         group(*_costs(optimisation)),
         moved_table(optimisation),
-        *(() if optimisation.moves is None else (group(alone_table(optimisation.moves), on=PAPER),)),
+        *(
+            ()
+            if optimisation.moves is None or not optimisation.moves.alone
+            else (group(alone_table(optimisation.moves), on=PAPER),)
+        ),
         pivots_table(optimisation),
         changes_table(optimisation),
         *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
@@ -289,9 +293,9 @@ def _cost_in_words(optimisation: Optimisation) -> str:
     if optimisation.view_offer is not None and optimisation.view_offer.added:
         view = optimisation.view_offer.price
         parts.append(f"{number(view)} (view {optimisation.view_offer.view})")
-    if optimisation.moving_cost:
-        parts.append(f"{number(optimisation.moving_cost)} (moving fiducials)")
-    fiducials = optimisation.cost_after - view - optimisation.moving_cost - sum(map(sum, widths.values()))
+    if optimisation.cost_of_moves:
+        parts.append(f"{number(optimisation.cost_of_moves)} (moving fiducials)")
+    fiducials = optimisation.cost_after - view - optimisation.cost_of_moves - sum(map(sum, widths.values()))
     if abs(fiducials) > 1e-6 * abs(optimisation.cost_after):
         parts.append(f"{number(fiducials)} (fiducials)")
     return f"{' + '.join(parts)} = {number(optimisation.cost_after)}"
@@ -349,7 +353,7 @@ def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
         ("Rounds of tightening", str(proof.tightening_rounds)),
     ]
     if optimisation.cost_closed_form is not None:
-        what = "Cost of half-widths and moves" if optimisation.moving_cost else "Cost of the half-widths"
+        what = "Cost of half-widths and moves" if optimisation.cost_of_moves else "Cost of the half-widths"
         pairs.append((what, _compare_costs(optimisation, optimisation.cost_closed_form)))
     remarks = tuple(entry.message for entry in optimisation.influence)
     worth = () if optimisation.placement_value is None else (optimisation.placement_value.sentence,)
@@ -361,7 +365,7 @@ def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
 
 def _compare_costs(optimisation: Optimisation, closed_form: float) -> str:
     """What the half-widths cost by each of the laws that they were chosen with."""
-    own = sum(entry.cost_after for entry in optimisation.tolerances) + optimisation.moving_cost
+    own = sum(entry.cost_after for entry in optimisation.tolerances) + optimisation.cost_of_moves
     others = optimisation.cost_after - own  # fiducials, and a view that was added
     exact = (
         ""
