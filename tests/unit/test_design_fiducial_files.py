@@ -285,8 +285,10 @@ def test_a_design_that_was_made_to_stand_alone_keeps_all_that_it_says_of_its_fid
         "diameter_mm": 2.5,
         "image_point": "shadow",
         "loss_probability": 0.01,
+        "common": [{"name": "printing", "scale": {"half_width_rel": 0.001, "distribution": "uniform"}}],
     }
-    assert said.keys() == type(load_design(DEMO).document.fiducials).model_fields.keys() - {"file", "points", "origin"}
+    of_a_file = {"file", "points", "origin", "T_con_file", "registered_to"}
+    assert said.keys() == type(load_design(DEMO).document.fiducials).model_fields.keys() - of_a_file
     (tmp_path / "beads.csv").write_text(FILES["plain.csv"][0], encoding="utf-8")
     path = tmp_path / "design.yaml"
     path.write_text(yaml.safe_dump({**DEMO, "fiducials": {"file": "beads.csv", **said}}), encoding="utf-8")

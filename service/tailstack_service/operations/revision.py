@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from tailstack.design import DEFAULT_LIMITS, Design, design_to_data, load_design
 from tailstack.design.document import DesignDocument
 from tailstack.design.fiducial_files import write_fiducials
+from tailstack.design.frames import FRAME_FIELDS
 from tailstack.design.loading import sha256_of
 from tailstack.design.reading import decode, read_text
 from tailstack.design.write import data_to_yaml, dump_block, to_json
@@ -113,18 +114,19 @@ def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tup
 def _with_file(result: Optimisation, files: OutputFiles, there: Design | None) -> dict[str, Any]:
     """The new design, its fiducials in the file that is written beside it, or that it has and that still holds them."""
     data: dict[str, Any] = result.design
-    name = None
+    name, frame = None, {}
     if files.fiducials is not None and files.design is not None:
         name = os.path.relpath(files.fiducials.resolve(), files.design.parent.resolve()).replace(os.sep, "/")
     elif there is not None and there.document.fiducials.file is not None:
         points = _points_of(result)
         if points == dict(zip(there.fiducials.labels, there.fiducials.positions_mm, strict=True)):
-            name = there.document.fiducials.file
+            name, stated = there.document.fiducials.file, there.source.data["fiducials"]
+            frame = {key: stated[key] for key in FRAME_FIELDS if key in stated}
     if name is None:
         return data
     section: dict[str, Any] = data["fiducials"]
     others = {key: value for key, value in section.items() if key not in ("points", "origin")}
-    return {**data, "fiducials": {"file": name, **others}}
+    return {**data, "fiducials": {"file": name, **frame, **others}}
 
 
 def _points_of(result: Optimisation) -> dict[str, tuple[float, float, float]]:

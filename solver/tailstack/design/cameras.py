@@ -1,4 +1,4 @@
-"""Views of the document -> projections, and transforms -> 4x4 matrices: con mm to px, degrees to radians."""
+"""Views of the document -> projections, con mm to px."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DesignError, IllPosedError, Problem
+from ..errors import IllPosedError, Problem
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import (
     image_centre_px,
@@ -16,14 +16,13 @@ from ..geometry.camera import (
     projection_from_pose,
     scale_to_unit_depth,
 )
-from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
 from ..system import View
-from .document import DistanceView, MatrixView, PinholeView, Pose, PresetView
+from .document import DistanceView, MatrixView, PinholeView, PresetView
+from .frames import compile_transform
 from .loading import Design
 from .presets import PRESETS
 
 LEAST_NOISE = 1e-6  # of a direction without noise, as a part of what there is: gains per px are asked of every one
-RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
 
 
 def seen_by(view: Any) -> tuple[str, ...] | None:
@@ -120,55 +119,3 @@ def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:
         detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
         raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
     return scale_to_unit_depth(matrix, fiducials)
-
-
-def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
-    """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
-    matrix, remarks = _transform(value, pointer)
-    notes += remarks
-    return matrix
-
-
-def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
-    if value is None:
-        return frozen(np.eye(4)), ()
-    if isinstance(value, Pose):
-        translation = np.array(value.translation_mm)
-        if value.rotation_deg is not None:
-            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
-        if value.quaternion_wxyz is not None:
-            norm = float(np.linalg.norm(value.quaternion_wxyz))
-            if abs(norm - 1) > 1e-3:
-                raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
-            rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
-            return frozen(rigid_transform(rotation, translation)), ()
-        rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
-        pointer += "/rotation"
-    else:
-        matrix = np.array(value)
-        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
-            turned = np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0])
-            rows = ", ".join(str(row) for row in matrix.T.tolist())
-            hint = f"it is written for rows (x, y, z, 1) on its left; transposed it is [{rows}]" if turned else ""
-            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]", hint)
-        if np.abs(matrix[:3, 3]).max() > 1e5:
-            raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
-        rotation, translation = matrix[:3, :3], matrix[:3, 3]
-    size = float(np.abs(rotation).max())
-    defect = rigidity_defect(rotation) if size < 10 else float("inf")
-    if not defect <= RIGID and size < 10 and rigidity_defect(-rotation) <= RIGID:
-        hint = "one axis of one of the two frames, a row or a column, points the other way there: reverse its numbers"
-        raise _refuse_not_rigid(pointer, "its rotation is a reflection: the determinant is -1", hint)
-    if not defect <= RIGID:
-        what = "it is far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
-        raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
-    if defect > 1e-12:
-        left, _, right = np.linalg.svd(rotation)
-        rotation = left @ right
-    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
-    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
-
-
-def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
-    rule, cure = f"a transform is rigid; {detail} (accepted: {RIGID:g})", "give more digits, or use rotation_deg"
-    return DesignError(Problem(pointer, "not-rigid", rule, hint or cure))

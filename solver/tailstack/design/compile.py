@@ -39,7 +39,7 @@ from ..system import (
 )
 from ..tolerances import Source, coverage_of, gather_sources
 from .assumed import list_assumed
-from .cameras import compile_transform, compile_view, detector_distances
+from .cameras import compile_view, detector_distances
 from .consistency import expand_target, find_pivots
 from .document import (
     DesignDocument,
@@ -49,6 +49,7 @@ from .document import (
     Interface,
     RequirementDocument,
 )
+from .frames import compile_transform
 from .loading import Design
 from .meanings import WrittenPoints, explain_places
 from .plausibility import explain_refusal, find_implausible

@@ -735,7 +735,14 @@ class FiducialOrigin(Record):
         return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
 
 
-@with_sections("fiducials", loss_probability=None)
+class NamedPoint(Record):
+    """A point of a file, by name, and where it is in con."""
+
+    label: Name = Field(description="Its label in the file.", examples=["F1"])
+    position_mm: Point = Field(description="Where CAD has it, con, mm.", examples=[[-40.0, 30.0, -60.0]])
+
+
+@with_sections("fiducials", loss_probability=None, T_con_file=None, registered_to=None)
 class Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
 
@@ -750,6 +757,17 @@ class Fiducials(Record):
         description="Fiducial file beside the design (relative path): .csv with units in the header "
         "(label,x_mm,y_mm,z_mm), 3D Slicer .mrk.json or .fcsv. RAS coordinates are converted to LPS.",
         examples=["fiducials/demo.csv"],
+    )
+    T_con_file: Transform | None = Field(
+        default=None,
+        description="With file: maps its coordinates (LPS, mm) to con. 4x4 matrix (mm) or rotation and translation_mm. "
+        "Default identity.",
+    )
+    registered_to: Annotated[list[NamedPoint], Field(min_length=3, max_length=1000)] | None = Field(
+        default=None,
+        description="With file, instead of T_con_file: points of it, by label, and where they are in con, three or "
+        "more, not on one line. All of the file is carried by the motion that brings these nearest; results say what "
+        "is left between them.",
     )
     origin: FiducialOrigin | None = Field(
         default=None,
@@ -773,6 +791,12 @@ class Fiducials(Record):
         if self.file is not None and self.origin is not None:
             words = "origin belongs to points that were read from a file; here the file itself is named"
             raise refusal("unused-field", words, "remove origin", "origin")
+        frames = [name for name in ("T_con_file", "registered_to") if getattr(self, name) is not None]
+        if frames and self.file is None:
+            words = "points of the document are in con; only those of a file are carried there"
+            raise refusal("unused-field", words, f"remove {frames[0]}", frames[0])
+        if len(frames) > 1:
+            raise refusal("one-of", f"give {' or '.join(frames)}; both arrived", KEEP_ONE, frames[1])
         return self
 
 

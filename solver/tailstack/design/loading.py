@@ -17,6 +17,7 @@ from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import SCHEMA_NAME, DesignDocument
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
+from .frames import FRAME_FIELDS, place_in_con
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
@@ -213,11 +214,15 @@ def _fiducials(document: DesignDocument, source: DocumentSource, allow_files: bo
         check_ending(name)
         if not path.exists():
             raise DesignError(_describe_missing(name, path, source))
-        return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
+        read = read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
     except (DesignError, LimitError) as error:
         # the pointer says which field led there, file and line where in the fiducial file it is wrong
         problems = [place(replace(problem, pointer="/fiducials/file"), source) for problem in error.problems]
         raise type(error)(problems) from None
+    try:
+        return place_in_con(document.fiducials, read)
+    except DesignError as error:
+        raise DesignError([place(problem, source.with_places()) for problem in error.problems]) from None
 
 
 def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
@@ -253,7 +258,8 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
     return path
 
 
-_ELSEWHERE = {"fiducials": {"points", "file", "origin"}}  # the points are hashed apart, wherever they were read
+# the points are hashed apart, in con, wherever they were read
+_ELSEWHERE = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}}
 
 
 def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:

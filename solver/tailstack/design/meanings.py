@@ -24,7 +24,7 @@ from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotat
 from ..ranges import DETECTOR_MM, ISOCENTRE_MM
 from ..system import View
 from ..units import OTHER_LENGTHS as UNITS
-from .cameras import compile_transform, compile_view, find_detector
+from .cameras import compile_view, find_detector
 from .consistency import expand_target
 from .document import (
     DesignDocument,
@@ -34,6 +34,7 @@ from .document import (
     Pose,
     PresetView,
 )
+from .frames import compile_transform
 from .presets import PRESETS
 
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}

@@ -17,6 +17,7 @@ from ..results.json_text import write_json
 from ..system import ROTATIONS
 from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView
+from .frames import FRAME_FIELDS
 from .loading import (
     Design,
     load_design,
@@ -36,8 +37,8 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
             FiducialPoint(label=label, position_mm=position)
             for label, position in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
         ]
-        stated = document.fiducials
-        remaining = {name: getattr(stated, name) for name in stated.model_fields_set - {"file", "points", "origin"}}
+        stated, dropped = document.fiducials, {"file", "points", "origin", *FRAME_FIELDS}
+        remaining = {name: getattr(stated, name) for name in stated.model_fields_set - dropped}
         fiducials = type(stated).model_validate({"points": points, "origin": design.fiducials.origin, **remaining})
         assumed = ["/fiducials/points" if each == "/fiducials/file" else each for each in document.assumed]
         document = document.model_copy(update={"fiducials": fiducials} | ({FIELD: assumed} if assumed else {}))

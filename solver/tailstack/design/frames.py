@@ -1,0 +1,144 @@
+"""Transforms of the document -> 4x4 matrices, degrees to radians; and points of a file -> con.
+
+Points are carried by a transform that the document states, or by the one that brings some of them, by name, nearest to
+where CAD has them: the least squares of Kabsch (1976), by a singular value decomposition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import DesignError, Problem
+from ..geometry.arrays import Array, frozen
+from ..geometry.rotation import (
+    rigid_transform,
+    rigidity_defect,
+    rotation_from_quaternion,
+    rotation_xyz,
+    transform_points,
+)
+from .consistency import check_entries
+from .document import Fiducials, NamedPoint, Pose
+from .fiducial_files import FiducialList
+
+RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
+FRAME_FIELDS = ("T_con_file", "registered_to")  # of what is read from a file
+DECIMALS = 6  # of positions in mm: the last digits of a decomposition are those of a library
+ON_A_LINE = 1e-3  # of the spread of points: what they have across a line, below which a turn about it is not known
+STRETCHED = 0.1  # by which two sets of points may differ in size before they are not the same
+
+
+def place_in_con(section: Fiducials, read: FiducialList) -> FiducialList:
+    """The fiducials of a file in con, with a remark that says how they came there.  Raises DesignError."""
+    remarks: list[str] = []
+    if section.registered_to is not None:
+        matrix = _register(section.registered_to, read, remarks)
+    elif section.T_con_file is not None:
+        matrix = compile_transform(section.T_con_file, "/fiducials/T_con_file", remarks)
+        remarks.append("its points were carried to con by T_con_file")
+    else:
+        return read
+    moved = np.round(transform_points(matrix, np.array(read.positions_mm)), DECIMALS) + 0.0  # no negative zeros
+    origin = read.origin
+    if origin is not None:
+        origin = origin.model_copy(update={"remarks": [*origin.remarks, *remarks][-20:]})
+    return replace(read, positions_mm=tuple(map(tuple, moved.tolist())), origin=origin)
+
+
+def _register(wanted: Sequence[NamedPoint], read: FiducialList, remarks: list[str]) -> Array:
+    """T_con_file (4, 4) by points of a file that are somewhere in con; how well they go there is remarked."""
+    pointer = "/fiducials/registered_to"
+    if problems := check_entries(pointer, "point of the file", [each.label for each in wanted], read.labels):
+        raise DesignError(problems)
+    at = dict(zip(read.labels, read.positions_mm, strict=True))
+    file = np.array([at[each.label] for each in wanted])
+    con = np.array([each.position_mm for each in wanted])
+    spreads = [np.linalg.svd(points - points.mean(axis=0), compute_uv=False) for points in (file, con)]
+    if any(spread[1] <= ON_A_LINE * spread[0] for spread in spreads):
+        cure = "name a point beside that line"
+        raise DesignError(Problem(pointer, "free-motion", "the points lie on one line: a turn about it is free", cure))
+    size = float(np.linalg.norm(spreads[0]) / np.linalg.norm(spreads[1]))
+    if abs(size - 1) > STRETCHED:
+        detail = f"in the file the points are {size:.4g} times as far from one another as in con: no motion does that"
+        raise DesignError(Problem(pointer, "not-rigid", detail, "check the units of both, and the labels"))
+    matrix, left = fit_motion(file, con)
+    _, mirrored = fit_motion(file * [1, 1, -1], con)
+    if np.linalg.norm(mirrored) < 0.1 * np.linalg.norm(left) - 1e-6:
+        detail = f"a mirror image of the points fits to {_rms(mirrored):.3g} mm, the points themselves to"
+        cure = "one of both is left-handed: check the signs of its axes, and whether the file is RAS or LPS"
+        raise DesignError(Problem(pointer, "not-rigid", f"{detail} {_rms(left):.3g} mm", cure))
+    worst = int(np.linalg.norm(left, axis=1).argmax())
+    remarks.append(
+        f"its points were carried to con by registration to {len(wanted)} of them: {_rms(left):.3g} mm are left, root "
+        f"mean square, most at {wanted[worst].label}, {float(np.linalg.norm(left[worst])):.3g} mm"
+    )
+    return matrix
+
+
+def fit_motion(points: Array, onto: Array) -> tuple[Array, Array]:
+    """T (4, 4) that brings points (n, 3) nearest to others (n, 3), in the sum of squares; and what is left (n, 3)."""
+    centres = points.mean(axis=0), onto.mean(axis=0)
+    left, _, right = np.linalg.svd((onto - centres[1]).T @ (points - centres[0]))
+    rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    matrix = rigid_transform(rotation, centres[1] - rotation @ centres[0])
+    return matrix, onto - transform_points(matrix, points)
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt((rows**2).sum(axis=1).mean()))
+
+
+def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
+    """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
+    matrix, remarks = _transform(value, pointer)
+    notes += remarks
+    return matrix
+
+
+def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
+    if value is None:
+        return frozen(np.eye(4)), ()
+    if isinstance(value, Pose):
+        translation = np.array(value.translation_mm)
+        if value.rotation_deg is not None:
+            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
+        if value.quaternion_wxyz is not None:
+            norm = float(np.linalg.norm(value.quaternion_wxyz))
+            if abs(norm - 1) > 1e-3:
+                raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
+            rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
+            return frozen(rigid_transform(rotation, translation)), ()
+        rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
+        pointer += "/rotation"
+    else:
+        matrix = np.array(value)
+        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
+            turned = np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0])
+            rows = ", ".join(str(row) for row in matrix.T.tolist())
+            hint = f"it is written for rows (x, y, z, 1) on its left; transposed it is [{rows}]" if turned else ""
+            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]", hint)
+        if np.abs(matrix[:3, 3]).max() > 1e5:
+            raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
+        rotation, translation = matrix[:3, :3], matrix[:3, 3]
+    size = float(np.abs(rotation).max())
+    defect = rigidity_defect(rotation) if size < 10 else float("inf")
+    if not defect <= RIGID and size < 10 and rigidity_defect(-rotation) <= RIGID:
+        hint = "one axis of one of the two frames, a row or a column, points the other way there: reverse its numbers"
+        raise _refuse_not_rigid(pointer, "its rotation is a reflection: the determinant is -1", hint)
+    if not defect <= RIGID:
+        what = "it is far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
+        raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
+    if defect > 1e-12:
+        left, _, right = np.linalg.svd(rotation)
+        rotation = left @ right
+    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
+    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
+
+
+def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
+    rule, cure = f"a transform is rigid; {detail} (accepted: {RIGID:g})", "give more digits, or use rotation_deg"
+    return DesignError(Problem(pointer, "not-rigid", rule, hint or cure))
