@@ -127,7 +127,8 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     if heat is not None:
         kelvin = heat.known[0] + inputs.get("temperature", np.zeros(1))[0]
         true = true + kelvin * heat.structure_per_k * (points - heat.seat_mm)
-    for clamped in (effect for effect in system.effects if effect.name.startswith("clamping:")):
+    clampings: list[Any] = [effect for effect in system.effects if effect.name.startswith("clamping:")]
+    for clamped in clampings:
         *off, scale = clamped.known + clamped.sources.direction @ inputs.get(
             clamped.name, np.zeros(clamped.sources.count)
         )

@@ -204,9 +204,9 @@ def meet_optimiser(own: Subject, measure: Measure) -> None:
     problem = read_task(own.design).problems[0]
     demand = next(each for each in problem.demands if each.requirement.name == measure.name)
     mechanics = pivot_shift_of(problem, present_choice(problem))
-    told = [plain(part.at(mechanics)) for part in estimator_affine(problem)]
+    projections, told = (plain(part.at(mechanics)) for part in estimator_affine(problem))
     term, laid = terms_of(problem, demand), lay(problem, plain(problem.system.fiducials_mm), mechanics)
-    found = image_parts_at(problem.estimation, term, laid, *told, plain(term.reconstructed_mm)).numbers
+    found = image_parts_at(problem.estimation, term, laid, projections, told, plain(term.reconstructed_mm)).numbers
     model, _ = linearise_demand(problem.system, demand)
     wanted = image_parts(model, measure.name).numbers
     np.testing.assert_allclose(np.asarray(found, float), wanted, rtol=1e-7, atol=1e-12)
