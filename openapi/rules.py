@@ -36,26 +36,24 @@ ITSELF = "get_openapi"  # answers with this very document, which is its own exam
 
 COUNTS = frozenset(
     {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
-     "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
-     "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "n", "open",
-     "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
-     "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "trials_with_losses",
-     "trials_without_answer", "units_done",
-     "units_expected", "workers"}
+     "compared_cells", "compared_trials", "converged_starts", "count", "counts", "evaluations", "exit_code",
+     "fiducials", "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials",
+     "min", "n", "open", "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused",
+     "rows", "scored", "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials",
+     "trials_with_losses", "trials_without_answer", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient", "confidence",
-     "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation", "factor", "first_order",
-     "first_order_ratio", "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
-     "largest_loss_probability", "largest_share", "limit_probability", "loss_probability", "lowest_ratio",
-     "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
-     "nu_gap", "nu_range", "nu_turns",
-     "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
-     "precision_requested", "probability",
-     "probability_of_none", "probability_unaccounted", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
-     "rotation", "sampled", "scale", "smallest_loss_probability", "spread", "spreads",
-     "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio",
-     "yield_fraction", "yield_standard_error", "z"}
+    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
+     "confidence", "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation",
+     "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction",
+     "half_width_rel", "highest_ratio", "interval", "kept_fraction", "kkt_residual", "largest_loss_probability",
+     "largest_share", "limit_probability", "loss_probability", "lowest_ratio", "max_scale", "min_scale",
+     "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "nu_range",
+     "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
+     "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
+     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability",
+     "spread", "spreads", "statistic", "target_noise_shape", "units_fraction", "up_direction", "variance_share",
+     "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",
@@ -68,7 +66,7 @@ SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says whi
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(
-    {"T_flange_con", "T_tcp_flange", "pose", "projection", "target_projection"}
+    {"T_con_file", "T_flange_con", "T_tcp_flange", "pose", "projection", "target_projection"}
 )  # mixed units, stated in words
 
 

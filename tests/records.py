@@ -32,9 +32,16 @@ def fields_of(record: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def examples_with(record: type[BaseModel], unit: str) -> Iterator[tuple[str, Any]]:
-    """Fields that have a unit in their name, one only (``n`` is a number), and an example of each that is not 0."""
+    """Fields that have a unit in their name, and an example of each that is not 0: of one unit only, which is more than
+    the name (``n`` is a number) and divides nothing (a cost per mm is converted the other way)."""
     for name, info in fields_of(record).items():
-        if "deg_mm" not in name and name != unit and re.search(rf"(^|_){unit}(_|$)", name) and info.examples:
+        if (
+            "deg_mm" not in name
+            and name != unit
+            and f"per_{unit}" not in name
+            and re.search(rf"(^|_){unit}(_|$)", name)
+            and info.examples
+        ):
             yield name, _nonzero(info.examples[0])
 
 

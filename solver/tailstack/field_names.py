@@ -102,7 +102,9 @@ def read_name(name: str) -> NameReading:
     words = split_words(name)
     rotation = _take(words, _ROTATIONS)
     spread = _take(words, _SPREADS)
-    mark = _take(words, _MARKS)
+    whole, mark = list(words), _take(words, _MARKS)
+    if mark in ("swapped", "in order") and "image" not in words:  # its words say something else: the shape of a noise
+        words, mark = whole, ""
     unit = None
     for at in range(0 if spread or rotation or mark or "per" in words else 1, len(words)):
         if _takes_unit(words[at - 1 : at]) and (unit := read_unit(words[at:])) is not None:
@@ -112,8 +114,6 @@ def read_name(name: str) -> NameReading:
         if len(words) > 1 and words[0] in ("mm", "cm", "um", "px", "deg", "rad", "mrad"):
             unit = read_unit(words[:1])
             del words[0]
-    if mark in ("swapped", "in order") and "image" not in words:
-        mark = ""
     stem = tuple(word for word in words if word not in _FILLERS) or tuple(words)
     if stem in ((), ("pixel",), ("pixels",)) and unit is not None and dict(unit.powers).get("length"):
         per_pixel = dict(unit.powers).get("image", 0) or "pixel" in "".join(stem)
@@ -207,7 +207,10 @@ def write_value(value: Any, digits: int = 12) -> str:
     """A value as a design has it, numbers with so many digits."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(write_value(each, digits) for each in value)}]"
-    return f"{value + 0.0:.{digits}g}" if is_numeric(value) else str(value)
+    if not is_numeric(value):
+        return str(value)
+    text = f"{value + 0.0:.{digits}g}"
+    return text if "." in text else text.replace("e", ".0e")  # 2e-06 is a text in YAML
 
 
 def _round(value: Any) -> Any:

@@ -876,7 +876,7 @@ class TargetDocument(Record):
         return self
 
 
-class Body(Record):
+class RigidBody(Record):
     """A rigid body that is known by targets: an implant or a bone by its markers."""
 
     name: Name = Field(description="Name, unique among targets and bodies.", examples=["implant"])
@@ -1098,7 +1098,7 @@ class DesignDocument(_Design):
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
-    bodies: list[Body] = Field(
+    bodies: list[RigidBody] = Field(
         default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")

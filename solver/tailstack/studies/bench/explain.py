@@ -63,14 +63,14 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class MeasuredBench:
     """One level at one target: the moments of what was measured, about the predicted mean."""
 
     bench: Bench
     moments: BenchMoments  # of this bench alone; bounded components are where they serve the prediction best
 
     @classmethod
-    def of(cls, bench: Bench) -> Measured:
+    def of(cls, bench: Bench) -> MeasuredBench:
         """Of a bench with error vectors."""
         assert bench.vectors is not None
         return cls(bench, moments_of((bench.vectors - choose_offset(bench) - bench.expected.mean)[None], bench.sizes))
@@ -78,9 +78,9 @@ class Measured:
 
 def explain(benches: Sequence[Bench], instrument_sd_mm: float, error: str, alpha: float) -> tuple[Explanation, ...]:
     """A factor for every contributor and a value for every component of a mount; benches of one target."""
-    shares: dict[str, list[tuple[Measured, Contribution]]] = {}
-    moved: dict[tuple[str, str], list[tuple[Measured, MountComponent]]] = {}
-    for each in [Measured.of(bench) for bench in benches if bench.vectors is not None]:
+    shares: dict[str, list[tuple[MeasuredBench, Contribution]]] = {}
+    moved: dict[tuple[str, str], list[tuple[MeasuredBench, MountComponent]]] = {}
+    for each in [MeasuredBench.of(bench) for bench in benches if bench.vectors is not None]:
         for share in _list_shares(each.bench.model, error, instrument_sd_mm):
             shares.setdefault(share.name, []).append((each, share))
         for part in _list_displacements(each.bench, error):
@@ -113,7 +113,7 @@ def _list_shares(model: LinearModel, error: str, instrument_sd_mm: float) -> lis
     return [share for share in shares if np.trace(share.covariance) > VANISHING_MM2]
 
 
-def _find_factor(pairs: Sequence[tuple[Measured, Contribution]], alpha: float) -> Explanation:
+def _find_factor(pairs: Sequence[tuple[MeasuredBench, Contribution]], alpha: float) -> Explanation:
     """The factors that no test refuses, of all that are tried, and the likeliest of them."""
     weighed = [each for measured, share in pairs for each in _weigh_factors(measured, share)]
     plausible = np.min([p for p, _ in weighed], axis=0) >= alpha / len(weighed)
@@ -134,7 +134,7 @@ def _find_factor(pairs: Sequence[tuple[Measured, Contribution]], alpha: float) -
     )
 
 
-def _weigh_factors(measured: Measured, share: Contribution) -> Iterator[tuple[Array, Array]]:
+def _weigh_factors(measured: MeasuredBench, share: Contribution) -> Iterator[tuple[Array, Array]]:
     """Of each test of a level, at every factor on a contributor: p-value and minus twice the log-likelihood, (F,) each.
 
     Where nothing would vary any more, these are 0 and infinite.
@@ -226,7 +226,7 @@ def _free_six(mount: DirectEffect) -> DirectEffect:
     return replace(mount, sources=sources)
 
 
-def _find_value(pairs: Sequence[tuple[Measured, MountComponent]], alpha: float) -> Explanation:
+def _find_value(pairs: Sequence[tuple[MeasuredBench, MountComponent]], alpha: float) -> Explanation:
     """The values that the mean of no level refuses, were the component fixed there."""
     first, largest = pairs[0][1], LARGEST[pairs[0][1].unit]
     threshold = float(chdtri(3, alpha / len(pairs)))
