@@ -214,7 +214,7 @@ def test_a_design_made_from_the_schema_alone():
         ],
         "fiducials": {"points": [{"position_mm": point} for point in points]},
         "targets": [{**minimal(definitions["TargetDocument"]), "position_mm": [0.0, 0.0, 70.0]}],
-        "requirements": [minimal(definitions["RequirementDocument"])],
+        "requirements": [{**minimal(definitions["RequirementDocument"]), "limit_mm": 2.0}],
     }
     VALIDATOR.validate(design)
     system, _, _ = check_design(load_design(design))

@@ -893,6 +893,9 @@ class RigidBody(Record):
 class RequirementDocument(Record):
     """What the design promises."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"oneOf": [{"required": [name]} for name in dict.fromkeys(m.limit_field for m in MEASURES)]}
+    )
     name: Name = Field(description="Name, unique.", examples=["tip-accuracy"])
     error: MeasureName = Field(
         default="tcp",

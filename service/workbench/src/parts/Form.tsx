@@ -99,7 +99,6 @@ export function example(node: Json, depth = 0): Json {
   const options: Json[] | undefined = (full.anyOf ?? full.oneOf)?.map(resolve), first = options?.find((o) => o.type !== "null");
   if (full.properties) { // with alternatives: what each of them asks for besides
     const required: string[] = [...(full.required ?? []), ...(first?.required ?? [])];
-    for (const { "x-limited-by": fields, default: usual } of Object.values<Json>(full.properties)) if (fields) required.push(fields[usual]);
     return depth > 5 ? {} : Object.fromEntries(required.filter((name) => full.properties[name]).map((name) => [name, example(full.properties[name], depth + 1)]));
   }
   if (first) return example(first, depth);
