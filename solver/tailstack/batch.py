@@ -39,6 +39,7 @@ from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, do
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
+from .measures import MEASURE
 from .propagation.columns import Imaging, assemble_after, shift_together
 from .propagation.linear import (
     LinearModel,
@@ -321,6 +322,8 @@ class Batch:
             reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
         if not all(item.is_quantile for item in system.requirements) and not _ASK.isdisjoint(self.columns):
             reasons.append("a requirement on what is no quantile is judged row by row")
+        if any(MEASURE[item.error].paired for item in system.requirements) and not _ASK.isdisjoint(self.columns):
+            reasons.append("a requirement on a corridor takes a sample of rays, row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)

@@ -73,10 +73,11 @@ def columns_of(model: ErrorModel, error: str) -> Columns:
 
 
 def law_of(mean: Array, *each: Columns) -> LinearLaw:
-    """The law at ``mean`` (3,) mm that these sources make together; nothing random is left of spreads that vanish."""
+    """The law at ``mean`` (3,) mm (two vectors: (6,)) that these sources make together; nothing random is left of
+    spreads that vanish."""
     if len(each) > 1:
         each = (Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*each, strict=True))),)
-    return LinearLaw(mean, *assemble_law(*each[0][:4]))
+    return LinearLaw(mean, *(assemble_law if len(mean) == 3 else assemble_pair)(*each[0][:4]))
 
 
 @kernel()
@@ -115,6 +116,14 @@ def assemble_law(
                 columns[a, count] = 0.0 if vanishes else gain[a, j] * half_width[j]
             count += 1
     return covariance, columns, own
+
+
+def assemble_pair(
+    gain: Array, std: Array, half_width: Array, kinds: NDArray[np.int64]
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """:func:`assemble_law` of two vectors: covariance (6, 6), columns (6, k), kinds (k,)."""
+    scaled, wide = gain[:, kinds == NORMAL] * std[kinds == NORMAL], (kinds >= 0) & (half_width > 0.0)
+    return scaled @ scaled.T, gain[:, wide] * half_width[wide], kinds[wide]
 
 
 def declared_law(model: ErrorModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:

@@ -100,6 +100,9 @@ class DesignFunction:
             raise OutOfRangeError(Problem("/fiducials/loss_probability", "no-derivative", detail, hint))
         chain = chain_of(system)
         metric = _find_metric(system, target, error)
+        if metric.measure.paired:
+            detail = f"P95 of {metric.measure.words} is read from rays: its derivative is not known"
+            raise OutOfRangeError(Problem("", "no-derivative", detail, "take differences of evaluations"))
         points = [each for each in system.targets if each.name in metric.site.weights]
         models = {each.name: linearise_at(chain, each) for each in points}
         law = _Law(models, metric)

@@ -315,7 +315,7 @@ class LossSearch:
         self.metrics = {metric.key: metric for metric in chain.system.metrics}
         self.every = models_of(chain.system, models)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
-        derived = enumerate(chain.system.derived_metrics, len(models))
+        derived = enumerate((each for each in chain.system.derived_metrics if not each.measure.paired), len(models))
         self.joined = {metric.key: k for k, metric in derived}  # of what is made of the errors at targets
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)

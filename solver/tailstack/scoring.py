@@ -51,14 +51,16 @@ from .results import (
     Vector3,
     ViewCheck,
 )
-from .results.verdicts import MISSED, P95
+from .results.verdicts import BREACHES_MM, MISSED, P95, Breach
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
-from .tail.declared import LawSummary, law_exceedance, law_quantile, law_summary
+from .tail.declared import LawSummary, LinearLaw, PairLaw, law_exceedance, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk, unit_risk
 from .verdict import conclude, judge
 from .version import __version__
+
+T_15 = 2.1314  # of Student's law with 15 degrees of freedom, as 16 scramblings have them: 95 % on both sides
 
 
 def not_included(system: System, *, simulated: bool = False, missed: bool = False) -> tuple[str, ...]:
@@ -115,7 +117,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.derived_metrics),
+        measures=tuple(_score_measure(metrics[each.key], each.site.corridor_mm) for each in system.derived_metrics),
     )
 
 
@@ -161,7 +163,7 @@ def _losses(
     whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
     for item in system.requirements or (whole,):
-        if not item.is_quantile:  # what is lost is looked for by it
+        if not item.is_quantile or MEASURE[item.error].paired:  # what is lost is looked for by quantiles of one length
             continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
@@ -300,26 +302,36 @@ def _score_metrics(
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
     at = error_law(model, error, P95)
     limit = tightest_limit(system, model.site, error)
-    if search is None or not system.loss_probability:
+    if search is None or not system.loss_probability or MEASURE[error].paired:
         return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
     return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 
 
-def _score_measure(error: ErrorScore) -> MeasureResult:
+def _score_measure(error: ErrorScore, corridor_mm: float | None) -> MeasureResult:
     measure, summary = MEASURE[error.at.error], error.summary
     return MeasureResult(
         measure=measure.name,
         site=error.model.site,
         words=measure.words,
         unit=measure.unit,
-        known=float(np.linalg.norm(error.moments[0])),
+        known=float(np.linalg.norm(error.moments[0].reshape(-1, 3), axis=1).max()),
         mean=summary.mean_norm_mm,
         p95=summary.quantile.quantile_mm,
         p95_interval=None,
         cvar95=summary.cvar_mm,
         limit=error.limit,
         exceedance_probability=summary.exceedance,
+        breaches=() if corridor_mm is None else _score_breaches(error.at.law, corridor_mm),
     )
+
+
+def _score_breaches(law: LinearLaw, corridor_mm: float) -> tuple[Breach, ...]:
+    """Each with the interval of 95 % that its sampling leaves."""
+    pair, found = PairLaw(law, P95, fine=True), []
+    for beyond_mm in BREACHES_MM:
+        value, half = pair.exceedance(corridor_mm + beyond_mm), T_15 * pair.added(corridor_mm + beyond_mm)[1]
+        found.append(Breach(beyond_mm, value, (max(value - half, 0.0), min(value + half, 1.0))))
+    return tuple(found)
 
 
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:

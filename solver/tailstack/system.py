@@ -459,6 +459,7 @@ class Target:
     region: str | None = None  # the target region it samples, if any
     direction: Array | None = None  # (3,) con: in which an instrument comes to it
     entry: str | None = None  # name of the target through which it comes, and which tells the direction
+    corridor_mm: float | None = None  # radius about the planned axis within which the executed one has to stay
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -64,7 +64,7 @@ from .results import (
     Verification,
 )
 from .results.digits import RESOLUTION_MM
-from .results.verdicts import P95
+from .results.verdicts import BREACHES_MM, P95, Breach
 from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
@@ -179,7 +179,7 @@ class PreparedDesign:
 
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
-        if self.search is not None:
+        if self.search is not None and not MEASURE[error].paired:
             return self.search.law_of_simulation(name, error, P95)
         law, _ = declared_law(self.every[name, error], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
@@ -201,7 +201,11 @@ class PreparedDesign:
 
     @property
     def lowest_quantile(self) -> float:
-        return min([P95, *(requirement.quantile for requirement in self.system.requirements)])
+        wanted = [P95, *(requirement.quantile for requirement in self.system.requirements)]
+        for metric in self.system.derived_metrics:
+            if metric.site.corridor_mm is not None:  # breaches are counted from the tail: with room, so that it serves
+                wanted.append(1 - 1.5 * self.law(*metric.key).exceedance(metric.site.corridor_mm))
+        return max(min(wanted), 0.0)
 
     @property
     def limits(self) -> tuple[float, ...]:
@@ -312,6 +316,9 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
     system, plan, key = ready.system, ready.plans[task.vertex], (task.target, task.error)
     names, model = [target.name for target in system.targets], ready.every[key]
     metric = next(k for k, each in enumerate(system.metrics) if each.key == key)
+    if MEASURE[task.error].paired:
+        detail = f"{MEASURE[task.error].words} is the length of the longer of two vectors, which no ray shows"
+        raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
     targets = [names.index(name) for name in system.metrics[metric].site.weights]
     mean = mean_at(model, task.error, dict(task.vertex))
     law, _ = declared_law(model, task.error, mean)
@@ -753,7 +760,21 @@ def _estimate_measure(ready: PreparedDesign, sampled: SampledDesign, metric: Met
         cvar95=found.cvar95_mm,
         limit=None if found.exceedance is None else found.exceedance.limit_mm,
         exceedance_probability=None if found.exceedance is None else found.exceedance.probability,
+        breaches=() if metric.site.corridor_mm is None else _count_breaches(ready, sampled, metric),
     )
+
+
+def _count_breaches(ready: PreparedDesign, sampled: SampledDesign, metric: Metric) -> tuple[Breach, ...]:
+    """At the vertex that has most of them."""
+    found, corridor_mm = [], metric.site.corridor_mm or 0.0
+    for beyond_mm in BREACHES_MM:
+        each = [
+            exceedance_estimate(sampled.samples[vertex], *metric.key, corridor_mm + beyond_mm)
+            for vertex in ready.vertices[metric.key]
+        ]
+        most = max(each, key=lambda exceedance: exceedance.probability)
+        found.append(Breach(beyond_mm, most.probability, most.interval))
+    return tuple(found)
 
 
 def _summarise_reprojection(sampled: SampledDesign) -> Reprojection:

@@ -406,7 +406,7 @@ def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
         direction = None if target.direction is None else frozen(target.direction)
-        return (Target(target.name, frozen(target.position_mm), None, direction, target.entry),)
+        return (Target(target.name, frozen(target.position_mm), None, direction, target.entry, target.corridor_mm),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])

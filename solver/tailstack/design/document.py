@@ -864,9 +864,18 @@ class TargetDocument(Record):
         "resection of the views, the seats, repeatability and load; the noise of their images is drawn for each.",
         examples=["entry"],
     )
+    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(
+        default=None,
+        description="With entry: radius about the planned trajectory within which the axis of the instrument has to "
+        "stay, that of the channel less that of the instrument, mm. It is counted how often an end of the executed "
+        "axis is beyond it, and by more than 2, 4 and 6 mm.",
+        examples=[1.5],
+    )
 
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:
+        if self.corridor_mm is not None and self.entry is None:
+            raise refusal("unused-field", "corridor_mm is read only beside entry", "entry: NAME", "corridor_mm")
         stated = [name for name in ("direction", "entry") if getattr(self, name) is not None]
         if stated and (self.region is not None or len(stated) > 1):
             detail = "beside position_mm stands direction or entry, beside region neither"
@@ -957,6 +966,8 @@ class RequirementDocument(Record):
         if self.risk == "pooled" and self.min_yield is not None:
             risks = " or ".join(RISKS[1:])
             raise refusal("unused-field", f"min_yield is read only with risk: {risks}", at="min_yield")
+        if self.risk != "pooled" and MEASURE[self.error].paired:
+            raise refusal("unused-field", f"{self.error} is read over all shots together", "risk: pooled", "risk")
         if self.risk != "pooled" and self.min_yield is None:
             raise refusal("missing-field", f"risk: {self.risk} needs min_yield", "min_yield: 0.95")
         if self.risk != "pooled" and self.statistic != "quantile":

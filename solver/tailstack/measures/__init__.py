@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from . import angle, axial, component, lateral, localisation, point_to_point, rigid_body, tcp
+from . import angle, axial, component, corridor, lateral, localisation, point_to_point, rigid_body, tcp
 from .measure import Measure, Measured, Site
 
 MEASURES: tuple[Measure, ...] = (
@@ -17,6 +17,7 @@ MEASURES: tuple[Measure, ...] = (
     lateral.MEASURE,
     axial.MEASURE,
     angle.MEASURE,
+    corridor.MEASURE,
     *component.MEASURES,
     point_to_point.MEASURE,
     *rigid_body.MEASURES,

@@ -35,6 +35,8 @@ class MeasuredTarget(Protocol):
     def direction(self) -> Array | None: ...  # (3,) con
     @property
     def entry(self) -> str | None: ...  # name of the target at which an instrument enters that comes to this one
+    @property
+    def corridor_mm(self) -> float | None: ...  # radius within which its axis has to stay
 
 
 class MeasuredBody(NamedTuple):
@@ -66,6 +68,7 @@ class Site:
     weights: Mapping[str, Array]  # by target (3, 6): of the error at the tool, x, y, z in tcp, then as located, in con
     exact: Exact | None = None
     """Where the above is no more than first order: e (3, n) of n trials, from their errors by target (6, n)."""
+    corridor_mm: float | None = None  # beyond which, and by so much more, breaches are counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +85,7 @@ class Measure:
     needs: str = "more targets, or all"  # what to declare, or to name, where a requirement finds no site
     unit: str = "mm"  # of e; the field of a limit is named after it
     calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
+    paired: bool = False  # whether e is two vectors, weights (6, 6), and its number the length of the longer
 
     @property
     def limit_field(self) -> str:

@@ -95,11 +95,11 @@ def _statistics(problem: PlacementProblem) -> list[Problem]:
             f"/requirements/{index}/statistic",
             "not-optimised",
             f"{item.name} limits the {item.statistic} of {MEASURE[item.error].words}: the search keeps limits of "
-            "quantiles",
+            + ("quantiles" if problem.objective == "quantile" else "quantiles and probabilities"),
             "ask for a quantile (or max_of_n) for the search, then score the result with it as it was",
         )
         for index, item in enumerate(problem.system.requirements)
-        if not item.is_quantile
+        if not (item.row.by_quantile if problem.objective != "quantile" else item.is_quantile)
     ]
 
 

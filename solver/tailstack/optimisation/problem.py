@@ -75,6 +75,7 @@ class QuantileConstraint:
     site: Site
     targets: tuple[Target, ...]  # that it joins, in its order: one, of a measure of a single target
     lost: tuple[str, ...] = ()  # labels of the fiducials that are lost, in all views
+    place: str = ""  # of two vectors of which the longer has the limit, whose this is: the name of its target
     ends: tuple[float, ...] = ()  # -1 or 1: where each bounded source of ``count_ends`` stands; (): wherever is worst
 
     @property
@@ -84,7 +85,7 @@ class QuantileConstraint:
 
     @property
     def key(self) -> tuple[str, ...]:
-        return *self.subject, *map(str, self.ends)
+        return *self.subject, self.place, *map(str, self.ends)
 
     @property
     def text(self) -> str:
@@ -93,7 +94,8 @@ class QuantileConstraint:
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
         signs = "".join("+" if end > 0 else "-" for end in self.ends)
         at = f", bounded errors of images at {signs}" if signs else ""
-        return f"P{100 * self.requirement.quantile:g}{of}{nested} at target {self.site.name!r}{without}{at}"
+        where = f", {self.place}" if self.place else ""
+        return f"P{100 * self.requirement.quantile:g}{of}{nested} at target {self.site.name!r}{where}{without}{at}"
 
     @property
     def measure(self) -> Measure:
@@ -299,13 +301,23 @@ class PlacementProblem:
 
 
 def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstraint, ...]:
-    """A requirement at every site of its measure that it names, in the order of the system."""
-    targets = {target.name: target for target in system.targets}
-    return tuple(
-        QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights))
-        for measure, site in system.metrics
-        if measure.name == requirement.error and site.name in requirement.targets
-    )
+    """A requirement at every site of its measure that it names, in the order of the system.
+
+    Of the longer of two vectors each has the limit by itself, and half of what may be beyond: then no more is (the
+    probability of either is at most the sum of both).
+    """
+    targets, demands = {target.name: target for target in system.targets}, []
+    for measure, site in system.metrics:
+        if measure.name != requirement.error or site.name not in requirement.targets:
+            continue
+        if not measure.paired:
+            demands.append(QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights)))
+            continue
+        half = replace(requirement, quantile=(1 + requirement.quantile) / 2)
+        for name, weights in site.weights.items():
+            alone = replace(site, weights={name: weights[weights.any(axis=1).argmax() :][:3]}, exact=None)
+            demands.append(QuantileConstraint(half, alone, (targets[name],), place=name))
+    return tuple(demands)
 
 
 def targets_of(system: System, requirements: Sequence[Requirement]) -> tuple[Target, ...]:

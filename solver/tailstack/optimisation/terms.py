@@ -162,7 +162,7 @@ def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
     made: dict[tuple[object, ...], DemandTerms] = {}
     terms = []
     for demand in (replace(demand, ends=ends) for demand in problem.demands for ends in problem.ends):
-        key = demand.requirement.error, demand.site.name, demand.ends
+        key = demand.requirement.error, demand.site.name, demand.place, demand.ends
         if key not in made:
             made[key] = terms_of(problem, demand)
         mask = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)

@@ -14,6 +14,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from .tables import Table
 from .verdicts import (
+    Breach,
     Check,
     Finding,
     Interval,
@@ -23,6 +24,7 @@ from .verdicts import (
     Vector3,
     Verdict,
     assumed_sentence,
+    breaches_table,
     checks_sentence,
     checks_table,
     measures_table,
@@ -180,7 +182,9 @@ def verdict_sentence(verdict: Verdict, provenance: Provenance) -> str:
 
 def measures_frames(measures: tuple[MeasureResult, ...]) -> tuple[Frame, ...]:
     """Measures made of the errors at targets, if there are any."""
-    return (frame(MeasureResult, "measures", measures, measures_table(measures)),) if measures else ()
+    breaches = [breach for measure in measures for breach in measure.breaches]
+    told = (frame(Breach, "breaches", breaches, breaches_table(measures)),) if breaches else ()
+    return (frame(MeasureResult, "measures", measures, measures_table(measures)), *told) if measures else ()
 
 
 def checks_frame(verdict: Verdict) -> Frame:

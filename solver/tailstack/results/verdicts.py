@@ -121,6 +121,21 @@ class Check:
         return inf if high is None else high
 
 
+BREACHES_MM = (0.0, 2.0, 4.0, 6.0)  # beyond the corridor: where grades B to E of Gertzbein and Robbins begin
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """How often an end of a trajectory is out of its corridor by more than so much."""
+
+    beyond_mm: float
+    """How far beyond the corridor, mm: 0, 2, 4, 6, where grades B to E of Gertzbein and Robbins begin."""
+    probability: float
+    """Probability, of 1; of trials, their share."""
+    interval: Interval
+    """Interval of 95 %: of an estimate what the sampling of its law leaves, of trials Clopper and Pearson's."""
+
+
 @dataclass(frozen=True, slots=True)
 class MeasureResult:
     """A measure made of the errors at targets, at one of its sites; its numbers are in `unit`."""
@@ -147,6 +162,8 @@ class MeasureResult:
     """Tightest limit that the design sets for it here; null without one."""
     exceedance_probability: float | None
     """Probability that it is beyond `limit`; null without a limit."""
+    breaches: tuple[Breach, ...] = ()
+    """Of a trajectory in a corridor."""
 
 
 MISSED = "missed fiducials included"  # of what is over all shots of a design that says how often they are missed
@@ -477,6 +494,20 @@ def measures_table(measures: Sequence[MeasureResult]) -> Table:
         Column("Beyond limit", "%", "percent", 2, of=lambda row: row.exceedance_probability),
     )
     return tabulate("Measures", "What is made of the errors at the targets", columns, measures)
+
+
+def breaches_table(measures: Sequence[MeasureResult]) -> Table:
+    """How often trajectories are out of their corridors."""
+    columns = (
+        Column("Trajectory", of=lambda row: row[0].site),
+        Column("Beyond the corridor by", "mm", "fixed", 0, of=lambda row: row[1].beyond_mm),
+        Column("Of all shots", "%", "percent", 3, of=lambda row: row[1].probability),
+        Column("From", "%", "percent", 3, of=lambda row: row[1].interval[0]),
+        Column("To", "%", "percent", 3, of=lambda row: row[1].interval[1]),
+    )
+    note = "Beyond by more than 0, 2, 4 and 6 mm: grades B to E of Gertzbein and Robbins and worse."
+    rows = [(each, breach) for each in measures for breach in each.breaches]
+    return tabulate("Breaches", "How often a trajectory leaves its corridor", columns, rows, note)
 
 
 def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: str = "") -> Table:

@@ -55,13 +55,14 @@ def _vertices(q: int, count: int) -> Array:
 def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     """Largest p-quantile of |e| over ``law.mean + bounded @ s``, s in the box [-1, 1]^q.
 
-    bounded: (3, q) mm, columns already multiplied by their half-widths, in the frame of the law; columns of zeros
-    keep the sign +1.  Raises ValueError for a bad shape or p, LimitError for more than 12 columns that are not zero.
+    bounded: (3, q) mm, of two vectors (6, q), columns already multiplied by their half-widths, in the frame of the law;
+    columns of zeros keep the sign +1.  Raises ValueError for a bad shape or p, LimitError for more than 12 columns that
+    are not zero.
     """
     p = probability_iv(p)
     bounded = np.asarray(bounded, dtype=np.float64)
-    if bounded.ndim != 2 or bounded.shape[0] != 3 or not np.isfinite(bounded).all():
-        raise ValueError(f"bounded must be finite and have shape (3, q), got shape {bounded.shape}")
+    if bounded.ndim != 2 or bounded.shape[0] != len(law.mean) or not np.isfinite(bounded).all():
+        raise ValueError(f"bounded must be finite and have shape ({len(law.mean)}, q), got shape {bounded.shape}")
     active = np.flatnonzero((bounded != 0).any(axis=0))
     if active.size > MOST_BOUNDED:
         raise LimitError(
@@ -76,7 +77,7 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     # The last sign stays +1 when opposite vertices are mirror images.
     signs = _vertices(q, 1 << (q - 1 if q and not law.mean.any() else q))
     means = law.mean + signs @ bounded[:, active].T
-    best = int(np.nanargmax(norm_quantiles(p, means, law.total_covariance))) if len(means) > 1 else 0
+    best = int(np.nanargmax(_rank(law, means, p))) if len(means) > 1 else 0
     quantile = law_quantile(replace(law, mean=means[best]), p)
     if law.columns.any():
         solved = {best}
@@ -105,7 +106,7 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
     active = np.flatnonzero((bounded != 0).any(axis=0))
     signs = _vertices(int(active.size), 1 << int(active.size))
     means = law.mean + signs @ bounded[:, active].T
-    ranking = norm_quantiles(p, means, law.total_covariance)
+    ranking = _rank(law, means, p)
     first = int(np.flatnonzero((signs == np.array(worst)[active]).all(axis=1))[0])
     near = np.flatnonzero(ranking >= (1 - NEAR) * ranking[first])
     taken = [first]
@@ -118,6 +119,13 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
     full = np.tile(np.array(worst, dtype=int), (len(taken), 1))
     full[:, active] = signs[taken]
     return tuple(tuple(row) for row in full.tolist())
+
+
+def _rank(law: LinearLaw, means: Array, p: float) -> Array:
+    """(n,) p-quantiles at means (n, 3) of the Gaussian law of equal covariance; of two vectors those of the longer."""
+    ends = zip(law.ends, np.split(means, len(law.ends), axis=1), strict=True)
+    each = [norm_quantiles(p, np.ascontiguousarray(own), end.total_covariance) for end, own in ends]
+    return np.asarray(np.max(each, axis=0))
 
 
 def _probabilities(law: LinearLaw, means: Array, worst: LawQuantile, p: float) -> tuple[Array, float]:

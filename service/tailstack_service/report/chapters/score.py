@@ -15,6 +15,7 @@ from tailstack.results.score import budget_table, source_name, targets_table, vi
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
 from tailstack.results.verdicts import (
     P95,
+    breaches_table,
     decisive_check,
     is_of_all_shots,
     measures_table,
@@ -267,8 +268,9 @@ def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate])
 
 
 def measures_blocks(measures: Sequence[MeasureResult]) -> tuple[Block, ...]:
-    """Measures that join several targets, if there are any."""
-    return (measures_table(measures),) if measures else ()
+    """Measures that join several targets, if there are any, and what leaves its corridor."""
+    breaches = (breaches_table(measures),) if any(measure.breaches for measure in measures) else ()
+    return (measures_table(measures), *breaches) if measures else ()
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
