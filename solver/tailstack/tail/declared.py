@@ -376,10 +376,11 @@ class PairLaw:
         return self.longer.exceedance(r) + self.added(r)[0]
 
     def excess(self, r: float) -> float:
-        """E[(|e| - r)+], mm; what the other end adds by Gauss and Legendre's rule up to where it can be at most."""
+        """E[(|e| - r)+], mm; what the other adds, to some 0.2 % of the whole, by Gauss and Legendre's rule up to six
+        standard deviations."""
         other = self.law.ends[1 - self.first]
-        end = float(np.linalg.norm(other.mean)) + 9 * sqrt(float(np.trace(other.covariance)))
-        span = max(end + float(np.linalg.norm(other.columns, axis=0).sum()) - r, 0.0)
+        spread = float(np.linalg.eigvalsh(other.total_covariance)[-1])
+        span = max(float(np.linalg.norm(other.mean)) + 6 * sqrt(max(spread, 0.0)) - r, 0.0)
         nodes, weights = np.polynomial.legendre.leggauss(24)
         at = r + 0.5 * span * (1 + nodes)
         sampled = float(np.dot(weights, [self.added(x)[0] for x in at.tolist()]))

@@ -18,7 +18,7 @@ from scipy.special import erf
 from ..geometry.arrays import Array
 from .sampling import RANDOMISATIONS, sobol_points
 
-LOG2_POINTS = 9  # of each scrambling
+LOG2_POINTS = 10  # of each scrambling
 _SAME = 1e-12  # relative: a variance that small beside the largest is rounding
 
 
