@@ -53,8 +53,12 @@ stands where a consumer refuses a measure or does without, and the list below sa
 
 """
 BUDGET = "the budget by effects, and the histogram of a report, are of the errors at one target"
+PAIRED = "a corridor is kept by both ends, whose joint law is sampled:"
 HOLES = {  # by consumer: measures that it does not take, and the words of the page
     "budget": (lambda measure: measure not in POINTS, BUDGET),
+    "units": (lambda measure: measure.paired, f"{PAIRED} its requirement is on all shots together"),
+    "losses": (lambda measure: measure.paired, f"{PAIRED} which loss is worst is not looked for"),
+    "derivative": (lambda measure: measure.paired, f"{PAIRED} the sample has none; take differences"),
 }
 COORDINATE = "/fiducials/points/0/position_mm/0"
 
@@ -74,7 +78,7 @@ class Subject:
         self.data = json.loads(json.dumps(DEMO))
         tip = self.data["targets"][0]
         x, y, z = tip["position_mm"]
-        tip |= {"entry": "entry"}
+        tip |= {"entry": "entry", "corridor_mm": 1.5}
         self.data["targets"] += [
             {"name": "entry", "position_mm": [x, y, z - 30]},
             {"name": "side", "position_mm": [x + 20, y + 10, z]},
@@ -97,8 +101,15 @@ class Subject:
 
     @cached_property
     def table(self) -> dict[str, Any]:
-        at = self.data["fiducials"]["points"][0]["position_mm"][0]
-        return dict(score_batch(self.design, {COORDINATE: [at, at + 1]}, columns=("value",)).columns)
+        """Compiled, and in full where a pair stands for it: of what is asked of the one, no row is in full."""
+        at, columns = self.data["fiducials"]["points"][0]["position_mm"][0], {}
+        for paired, way in ((False, "compiled"), (True, "in full")):
+            asked = [each for each in self.data["requirements"] if MEASURE[each["error"]].paired == paired]
+            design = load_design({**self.data, "requirements": asked, "optimise": None})
+            batch = score_batch(design, {COORDINATE: [at, at + 1]}, columns=("value",))
+            assert batch.ways[way] == 2
+            columns |= batch.columns
+        return columns
 
     @cached_property
     def gate(self) -> Any:

@@ -32,6 +32,7 @@ from .sweep import SweepAxis as SweepAxis
 from .sweep import SweepPoint as SweepPoint
 from .sweep import SweepTarget as SweepTarget
 from .verdicts import ERRORS as ERRORS
+from .verdicts import Breach as Breach
 from .verdicts import Check as Check
 from .verdicts import Finding as Finding
 from .verdicts import Interval as Interval
