@@ -477,6 +477,7 @@ class Requirement:
     statistic: str = "quantile"  # name of a row of ``STATISTICS``
     n: int | None = None  # max_of_n: of so many shots
     limit_probability: float | None = None  # probability: of errors beyond the limit, what is allowed
+    ids: tuple[str, ...] = ()  # what it is called in a system of requirements
 
     @property
     def level(self) -> Drawn | None:

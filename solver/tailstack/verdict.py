@@ -57,6 +57,7 @@ def judge(
         statistic=requirement.statistic,
         n=requirement.n,
         beyond=None if allowed is None else requirement.limit,
+        ids=requirement.ids,
     )
 
 

@@ -101,7 +101,8 @@ def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(serv
     estimate = decisive_check(score(load_design(UNITS)).verdict.checks)
     assert estimate is not None
     assert (estimate.requirement, estimate.status) == ("every-unit", "fail")
-    found = shown(service, "units", UNITS.read_text(encoding="utf-8"))
+    text = UNITS.read_text(encoding="utf-8")
+    found = shown(service, "units", text.replace("name: every-unit,", "name: every-unit, ids: [SRS-016],"))
     assert found["p95"] == f"{estimate.value:.3f}"
     assert len(found["variants"]) == 2  # now, and A
     for row in found["variants"]:
@@ -113,6 +114,7 @@ def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(serv
     assert any(slack)
     assert all(float(each[1]) > float(each[2]) for each in slack if each)  # nothing is loosened where the design fails
     assert len(found["listed"]) == 2
+    assert ["SRS-016" in row for row in found["listed"]].count(True) == 1
     assert found["listed"] == found["rows"]
     assert found["verified"] in found["listed"][1]
     assert "succeeded" not in found["head"]

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
-FORMATS = ("text", "json", "baseline", "sarif", "junit", "github", "gitlab", "markdown")
+FORMATS = ("text", "json", "baseline", "sarif", "junit", "github", "gitlab", "markdown", "needs", "reqif")
 LONGEST_NAME = 400
 
 

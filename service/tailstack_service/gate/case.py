@@ -124,6 +124,7 @@ def list_requirements(
             targets=tuple(check.target for check in score.verdict.checks if check.requirement == entry.name),
             statistic=entry.statistic,
             n=entry.n,
+            ids=tuple(entry.ids),
         )
     every = tuple(target.name for target in score.targets)
     return {**stated, **{name: replace(limit, targets=every) for name, limit in limits.items()}}

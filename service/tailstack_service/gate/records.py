@@ -113,6 +113,8 @@ class GateRequirement:
     """What of the error is limited."""
     n: int | None = None
     """max_of_n: number of shots of which the largest error is limited; otherwise null."""
+    ids: tuple[str, ...] = ()
+    """What it is called in a system of requirements, as the design says."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", MEASURE[self.error].unit)

@@ -255,6 +255,7 @@ def _requirement(item: RequirementDocument, pointer: str, names: list[str], metr
         item.risk,
         item.min_yield,
         *asked,
+        tuple(item.ids),
     )
 
 

@@ -54,6 +54,7 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
     for index, requirement in enumerate(document.requirements):
+        problems += find_duplicates(requirement.ids, f"/requirements/{index}/ids/{{}}".format, "ids of a requirement")
         if requirement.targets != "all":
             known = [*named, *(body.name for body in document.bodies)]
             problems += check_entries(f"/requirements/{index}/targets", "target", requirement.targets, known)

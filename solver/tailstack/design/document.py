@@ -899,6 +899,9 @@ class RigidBody(Record):
     )
 
 
+RequirementId = Annotated[str, Field(max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:/#+-]*$")]
+
+
 class RequirementDocument(Record):
     """What the design promises."""
 
@@ -937,6 +940,12 @@ class RequirementDocument(Record):
     )
     n: Annotated[int, Field(ge=2, le=5000), AnySize("as many shots as somebody counts")] | None = Field(
         default=None, description="max_of_n only, required there: number of independent shots.", examples=[20]
+    )
+    ids: Annotated[list[RequirementId], Field(max_length=20)] = Field(
+        default=[],
+        description="What it is called in a system of requirements, each once; every result, report and gate repeats "
+        "it. Letters, digits and . _ : / # + -, without blanks. No number depends on it. Default none.",
+        examples=[["SRS-014"]],
     )
     confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
         default=0.95,
@@ -1007,7 +1016,7 @@ class RequirementDocument(Record):
         """The quantile of one shot's error that is asked for."""
         return pooled_quantile(self.quantile, self.limit_probability, self.n)
 
-    _as_before = leave_out_later({"statistic": "quantile", "limit_probability": None, "n": None})
+    _as_before = leave_out_later({"statistic": "quantile", "limit_probability": None, "n": None, "ids": []})
 
     @property
     def limit(self) -> float:

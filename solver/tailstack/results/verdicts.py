@@ -96,6 +96,8 @@ class Check:
     """max_of_n: number of shots of which the largest error is limited; otherwise null."""
     beyond: float | None = None
     """probability: the error beyond which shots are counted, in the unit of the measure; otherwise null."""
+    ids: tuple[str, ...] = ()
+    """What the requirement is called in a system of requirements, as the design says."""
 
     def __post_init__(self) -> None:
         high = self.interval[1]
@@ -430,6 +432,7 @@ def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
     decimals, units = decimals_of(checks), {check.unit for check in checks}
     unit = units.pop() if len(units) == 1 else ""
     own = () if unit else (Column("Unit", of=lambda row: row.check.unit),)
+    ids = Column("Ids", on=~On.PLAIN, of=lambda row: ", ".join(row.check.ids) or None)
     risks = {check.risk for check in checks} - {"pooled"}
     keepers = _plural(risks.pop()) if len(risks) == 1 else "kept"
     of_units: tuple[Column, ...] = (
@@ -446,6 +449,7 @@ def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
         Column(
             "Limited", on=TERMINAL | On.NOTEBOOK, brief="what is\nlimited", of=lambda row: _limited_briefly(row.check)
         ),
+        *((ids,) if any(check.ids for check in checks) else ()),
         *own,
         Column("Value", unit, "fixed", decimals, brief=f"value\n{unit}", of=lambda row: row.check.value),
         Column("From", unit, "fixed", decimals, brief=f"from\n{unit}", of=lambda row: row.check.interval[0]),
