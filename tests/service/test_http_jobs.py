@@ -410,7 +410,7 @@ def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
 # --- reports --------------------------------------------------------------------------------------
 
 
-@pytest.mark.long("pdf-application/pdf-%PDF-")
+@pytest.mark.long("pdf-application/pdf-%PDF-", "pdf&summary=true-application/pdf-%PDF-")
 @pytest.mark.parametrize(
     ("form", "media", "head"),
     [
@@ -418,18 +418,20 @@ def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
         ("xlsx", "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet", b"PK\x03\x04"),
         ("json", "application/json", b"{"),
         ("pdf", "application/pdf", b"%PDF-"),
+        ("pdf&summary=true", "application/pdf", b"%PDF-"),
     ],
 )
 def test_a_result_as_a_report(client: httpx.Client, form: str, media: str, head: bytes) -> None:
     job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
     report = client.get(f"{job['links']['report']}?format={form}")
-    if form == "pdf" and report.status_code == 501:
+    if form.startswith("pdf") and report.status_code == 501:
         assert check_problem(report, 501, "pdf-unavailable")["errors"][0]["hint"]
         return
     assert report.status_code == 200, report.text
     assert report.headers["content-type"].startswith(media)
     assert report.content[: len(head)].lower() == head.lower()
-    assert f".{form}" in report.headers["content-disposition"]
+    ending = ".summary.pdf" if "summary" in form else f".{form}"
+    assert report.headers["content-disposition"].endswith(f'{ending}"')
 
 
 @pytest.mark.long

@@ -348,6 +348,8 @@ def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) ->
         ("GET", f"/v1/results/{'a' * 64}/report?fmt=pdf", "/fmt"),
         ("GET", f"/v1/results/{'a' * 64}/report?format=", "/format"),
         ("GET", f"/v1/results/{'a' * 64}/report?format=docx", "/format"),
+        ("GET", f"/v1/results/{'a' * 64}/report?format=xlsx&summary=true", "/summary"),
+        ("GET", f"/v1/results/{'a' * 64}/report?format=pdf&summary=yes", "/summary"),
         ("GET", "/v1/jobs/01k4z8t5r2w7x3y9v6n1m0q8pc/events?after=2", "/after"),
     ):
         response = client.request(method, target, json=body if method == "POST" else None)

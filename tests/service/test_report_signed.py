@@ -24,6 +24,9 @@ from family import COMMAND, run_python
 from tailstack import load_design, score, verify
 from tailstack.results.verdicts import rest_of
 from tailstack.sweeping import read_axes, sweep
+from tailstack_service.audit import audit
+from tailstack_service.audit.holding import read_report
+from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
@@ -96,6 +99,63 @@ def test_the_pdf_has_the_same_on_its_first_page() -> None:
         assert entry in first
     unit = report.score.targets[0].per_unit
     assert f"{100 * unit.yield_fraction:.1f}" in first, "the yield stands beside the verdict"
+
+
+def test_whoever_answers_for_the_design_has_a_line_to_sign() -> None:
+    html = render("score", to_json(results()["score"]), "html").decode()
+    table = html.partition('<table class="approval">')[2].partition("</table>")[0]
+    assert re.findall(r"<th scope=\"col\">(\w+)", table) == ["Role", "Name", "Date", "Signature"]
+    rows = re.findall(r'<th scope="row">(\w+)</th><td>(.*?)</td><td></td><td></td>', table)
+    assert rows == [("Author", BLOCK["author"]), ("Checked", ""), ("Approved", "")]
+
+
+# --- one page -------------------------------------------------------------------------------------
+
+
+def demanding(count: int) -> dict[str, Any]:
+    """Requirements with the longest names and ids that there may be, and a title block that is full."""
+    asked = [
+        {"name": f"{k} " + "requirement " * 6, "limit_mm": 0.2 + k / 9, "ids": [f"SYS-REQ-{k}-{j}" for j in range(9)]}
+        for k in range(count)
+    ]
+    block = {"date": "2026-11-28"} | dict.fromkeys(("number", "revision", "author", "checker", "approver"), "M. W" * 20)
+    return limited(0.9) | {"requirements": asked, "document": block, "name": "drill guide " * 6}
+
+
+@pytest.mark.long("40")
+@pytest.mark.parametrize("count", [1, 40])
+def test_a_summary_is_one_page_whatever_the_design_asks_for(count: int) -> None:
+    body = to_json(score(load_design(demanding(count))))
+    content = render("score", body, "pdf", summary=True)
+    (only,) = PdfReader(io.BytesIO(content)).pages
+    assert [round(float(length)) for length in only.mediabox[2:]] == [595, 842], "A4, points"
+    text = " ".join(only.extract_text().split())
+    for words in ("Approval", "Signature", "Document", "0 requirement", "SYS-REQ-0-0", "SHA-256 of this record"):
+        assert words in text
+    assert ("more rows are in the spreadsheet" in text) == (count == 40)
+    assert read_report(content, "x").result.body == body
+    assert {each.what: each.answer for each in audit(content, "x", fast=True).questions}["pages"] == "same"
+
+
+@pytest.mark.long
+def test_a_summary_of_every_kind_is_one_page() -> None:
+    for kind, result in results().items():
+        content = render(kind, to_json(result), "pdf", summary=True)
+        assert len(PdfReader(io.BytesIO(content)).pages) == 1, kind
+
+
+def test_a_summary_is_a_pdf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "score.json"
+    file.write_bytes(to_json(results()["score"]))
+    for more, words in (
+        (("--format", "html"), "--summary is a page of PDF; got html"),
+        (("-o", str(tmp_path / "a.xlsx")), "--summary is a page of PDF; got xlsx"),
+        (("--verify",), "a report is verified as it is"),
+    ):
+        assert main(["report", str(file), "--summary", *more]) == 2
+        assert words in capsys.readouterr().err
+    assert main(["report", str(file), "--summary", "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "score.summary.pdf").read_bytes() == render("score", file.read_bytes(), "pdf", summary=True)
 
 
 def test_the_beads_are_listed_as_drawn() -> None:

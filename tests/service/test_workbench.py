@@ -149,7 +149,8 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     posted = ask("POST", f"{service.url}/v1/reports", json={"design": design, "trials": 20000}).json()
     found = used(service.url, "jobs", job=posted["id"])
     assert "from a script" in found["words"]
-    assert {link.rpartition("=")[2] for link in found["links"]} == {"html", "pdf", "xlsx", "json"}
+    forms = {link.partition("format=")[2] for link in found["links"]}
+    assert forms == {"html", "pdf", "xlsx", "json", "pdf&summary=true"}
     assert all(ask("GET", link).status_code == 200 for link in found["links"])
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
 

@@ -32,7 +32,8 @@ def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
         words = f"written by tailstack {written_by}, this is {__version__}: install that version to compare them"
         return AuditCheck("pages", NOT_COMPARED, words)
     try:
-        fresh = render(held.result.kind, held.result.body, held.form)
+        summary = held.form == "pdf" and _is_summary(held.content)
+        fresh = render(held.result.kind, held.result.body, held.form, summary=summary)
     except PdfUnavailable as error:
         return AuditCheck("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
     if fresh == held.content:
@@ -46,6 +47,13 @@ def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
     if held.form == "html":
         return _lines(held.content, fresh)
     return (_cells if held.form == "xlsx" else _streams)(held.content, fresh, file)
+
+
+def _is_summary(content: bytes) -> bool:
+    """Whether a PDF says of itself that it is the one page of a report."""
+    from ..report.pdf import SUMMARY_NOTE
+
+    return bool(_all(re.compile(re.escape(SUMMARY_NOTE.encode())), content, _unpacked_streams(content)))
 
 
 def _different(details: list[str], count: int, what: str) -> AuditCheck:

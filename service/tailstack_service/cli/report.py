@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", type=_list_type(FORMATS), metavar="LIST", help=words)
     words = "directory for the files (default: this one), or the file, whose ending is then the format"
     parser.add_argument("-o", "--output", metavar="DIR|FILE", help=words)
+    parser.add_argument("--summary", action="store_true", help="one page to sign, A4, as a PDF")
     add_flags(parser, ReportOptions, "parts")
     add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
@@ -81,7 +82,10 @@ def run(arguments: argparse.Namespace) -> Answer:
         _refuse("unused-option", "--fast: it is read only with --verify", "leave it out")
 
     file = _file(arguments.output, arguments.format)
-    forms = arguments.format or ("html",) if file is None else (file.suffix[1:].lower(),)
+    usual = ("pdf",) if arguments.summary else ("html",)
+    forms = arguments.format or usual if file is None else (file.suffix[1:].lower(),)
+    if arguments.summary and forms != ("pdf",):
+        _refuse("unused-option", f"--summary is a page of PDF; got {', '.join(forms)}", "--format pdf, or -o NAME.pdf")
     if set(forms) != {"json"}:  # before the work, and not after it
         require_extras("report", *(["pdf"] if "pdf" in forms else []))
     output = writable_directory((arguments.output or ".") if file is None else str(file.parent), "-o")
@@ -98,8 +102,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
     written = []
-    for form, content in _render(kind, body, forms):
-        path = file or output / f"{stem}.{'report.' if form == 'json' else ''}{form}"
+    for form, content in _render(kind, body, forms, arguments.summary):
+        ending = f"report.{form}" if form == "json" else f"summary.{form}" if arguments.summary else form
+        path = file or output / f"{stem}.{ending}"
         replace_file(path, content)
         written.append(str(path))
     return Answer("".join(f"{path}\n" for path in written), OPERATIONS[kind].exit_code(record))
@@ -112,11 +117,11 @@ def _stem(name: str) -> str:
     return name.removesuffix(ending)
 
 
-def _render(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+def _render(kind: str, body: bytes, forms: Sequence[str], summary: bool) -> list[tuple[str, bytes]]:
     from ..operations.rendering import render_all
 
     with Progress("drawing the report"):  # its own phase, with a count of its own
-        return render_all(kind, body, forms)
+        return render_all(kind, body, forms, summary=summary)
 
 
 def _read(name: str) -> ReadResult | bytes | Path:
@@ -194,6 +199,8 @@ def _verify(arguments: argparse.Namespace) -> Answer:
     from ..audit import Effort, audit
     from ..audit.findings import audit_text
 
+    if arguments.summary:
+        _refuse("unused-option", "--summary: a report is verified as it is", "leave it out")
     refused = ("format", "output", *(name for name in OF_A_DESIGN if name not in BOUNDS))
     _no_options(arguments, refused, "a report is verified as it is", "leave it out")
     usual = Effort()

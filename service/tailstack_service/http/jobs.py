@@ -301,10 +301,10 @@ async def get_result(request: Request) -> Response:
 @result_router.get(
     "/v1/results/{sha256}/report",
     operation_id="get_report",
-    dependencies=[Depends(query("format"))],
+    dependencies=[Depends(query("format", "summary"))],
     summary="A result as a report",
     description="Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record "
-    "itself. Nothing is computed anew, and the record stands in every format.",
+    "itself. Nothing is computed anew, and the record stands in every format. With summary a pdf is one page.",
     responses={
         200: response_of("The report.", REPORT_FORMS, ETag="ETag", Cache_Control="CacheControl", **REPORT),
         304: response_of("The client has it.", None, ETag="ETag", Cache_Control="CacheControl", **REPORT),
@@ -312,32 +312,39 @@ async def get_result(request: Request) -> Response:
     openapi_extra=extra(
         parameter("Sha256"),
         query_parameter("format", {"type": "string", "enum": list(FORMATS), "default": "html"}, "Of the report."),
+        query_parameter("summary", {"type": "boolean", "default": False}, "One page of A4, to sign: of format pdf."),
         parameter("IfNoneMatch"),
         problems=(404, 422, 501, 503),
     ),
 )
 async def get_report(request: Request) -> Response:
-    form = single(request.query_params.multi_items(), "format")
-    form = "html" if form is None else form
+    asked = request.query_params.multi_items()
+    form, wanted = single(asked, "format"), single(asked, "summary")
+    form, summary = "html" if form is None else form, wanted == "true"
     if form not in FORMATS:
         detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
         raise RequestError(Problem("/format", "unknown-value", detail))
+    if wanted not in (None, "false", "true") or (summary and form != "pdf"):
+        detail = f"summary is true or false, and true of a pdf alone; got {str(wanted)[:40]!r} with format={form}"
+        raise RequestError(Problem("/summary", "unknown-value", detail, "format=pdf&summary=true"))
     result = await find_result(request)
-    body, headers = await render_report(request, result.schema_name, result.body, form, result.sha256)
+    name, sha256 = result.schema_name, result.sha256
+    body, headers = await render_report(request, name, result.body, form, sha256, summary=summary)
     return tagged_response(request, body, MEDIA_TYPES[form], {**REVALIDATE, **headers})
 
 
 async def render_report(
-    request: Request, name: str, record: bytes, form: str, sha256: str
+    request: Request, name: str, record: bytes, form: str, sha256: str, *, summary: bool = False
 ) -> tuple[bytes, dict[str, str]]:
     """A record as a report, and the headers that it is sent with.
 
     name: of the operation that made it.  record: its JSON, with its sha256.  form: one of FORMATS.
     """
-    call = partial(render, name, record, form)
+    call = partial(render, name, record, form, summary=summary)
     body = await service_of(request).pool.run(request, call, LONG if form != "json" else 0.0)
+    saved_as = (_file_name(record) or f"tailstack-{sha256[:12]}") + ".summary" * summary
     return body, {
-        "Content-Disposition": f'inline; filename="{_file_name(record) or f"tailstack-{sha256[:12]}"}.{form}"',
+        "Content-Disposition": f'inline; filename="{saved_as}.{form}"',
         "X-Content-Type-Options": "nosniff",
         **_policy(form),
     }

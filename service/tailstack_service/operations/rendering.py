@@ -18,25 +18,25 @@ MEDIA_TYPES = {
 FORMATS = ("html", "pdf", "xlsx", "json")
 
 
-def render(name: str, body: bytes, form: str) -> bytes:
+def render(name: str, body: bytes, form: str, *, summary: bool = False) -> bytes:
     """A published result as a document; the same body gives the same bytes.
 
-    name: of an operation whose record has chapters.  body: the record's JSON, as recorded.  Raises PdfUnavailable
-    where the libraries for PDF are missing, ValueError for a name or format that does not exist.
+    name: of an operation whose record has chapters.  body: the record's JSON, as recorded.  summary: of a PDF, one
+    page.  Raises PdfUnavailable where the libraries for PDF are missing, ValueError for a name or format that does not
+    exist.
     """
     if form not in MEDIA_TYPES:
         raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
-    return render_all(name, body, (form,))[0][1]
+    return render_all(name, body, (form,), summary=summary)[0][1]
 
 
-def render_all(name: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
+def render_all(name: str, body: bytes, forms: Sequence[str], *, summary: bool = False) -> list[tuple[str, bytes]]:
     """A result in several formats, its chapters and pictures made once.  Raises what ``document_of`` raises."""
-    drawn = [form for form in forms if form != "json"]
-    document = document_of(name, body) if drawn else None
-    return [(form, body if document is None or form == "json" else _content(document, body, form)) for form in forms]
+    document = document_of(name, body) if set(forms) != {"json"} else None
+    return [(f, body if document is None or f == "json" else _content(document, body, f, summary)) for f in forms]
 
 
-def _content(document: Document, body: bytes, form: str) -> bytes:
+def _content(document: Document, body: bytes, form: str, summary: bool) -> bytes:
     if form == "html":
         from ..report.html import html_report
 
@@ -44,7 +44,7 @@ def _content(document: Document, body: bytes, form: str) -> bytes:
     if form == "pdf":
         from ..report.pdf import pdf_report
 
-        return pdf_report(document, body)
+        return pdf_report(document, body, summary=summary)
     from ..report.xlsx import xlsx_report
 
     return xlsx_report(document, body)

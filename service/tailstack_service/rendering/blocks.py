@@ -16,6 +16,21 @@ if TYPE_CHECKING:
 Tone = Literal["pass", "fail", "inconclusive", "neutral"]
 
 
+class ChangeableNumber(float):
+    """A number that whoever opens a spreadsheet may change there."""
+
+
+class Formula(float):
+    """A number that a spreadsheet computes, and what it comes to; ``{row}`` in its text is that of its cell."""
+
+    text: str
+
+    def __new__(cls, value: float, text: str) -> Formula:
+        made = super().__new__(cls, value)
+        made.text = text
+        return made
+
+
 @dataclass(frozen=True)
 class Figure:
     """A picture, SVG with its own title and description; it may be drawn when it is first looked at."""
@@ -153,6 +168,22 @@ class Document:
                 ("checker", "Checked"), ("approver", "Approved"),
             )
         )  # fmt: skip
+
+    @property
+    def approvals(self) -> tuple[tuple[str, str], ...]:
+        """Who signs, and as what; the name is empty where the design does not say it."""
+        named = dict(self.title_block)
+        return tuple((word, named[word]) for word in ("Author", "Checked", "Approved") if word in named)
+
+    def summaries(self) -> Iterator[Document]:
+        """Its first page by itself, each time with less on it: pictures, then what matters, then rows go."""
+        made = replace(self.provenance, pairs=self.provenance.pairs[:5])  # which design, record and version
+        page = replace(self, sections=(), kind=f"{self.kind}, summary", provenance=made)
+        yield page
+        yield replace(page, figures=())
+        for most in (60, 40, 25, 15, 8, 4, 1):
+            rows = None if self.requirements is None else replace(self.requirements, most=most)
+            yield replace(page, figures=(), matters=(), requirements=rows)
 
     def of(self, place: On) -> Document:
         """What of it is shown at a place: no table without rows, and groups in a terminal only."""

@@ -23,22 +23,32 @@ if TYPE_CHECKING:
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
 FONTS = "apt install fonts-dejavu-core, or any other font that fontconfig finds (fc-list shows them)"
 RECORD_NAME = "tailstack-record.json"
+RECORD_NOTE, SUMMARY_NOTE = "The record that this report renders", "The record that this summary is of"
 MADE = datetime(2000, 1, 1, tzinfo=UTC)  # a PDF says when its attachments were made; a report must not
 
 
-def pdf_report(document: Document, record: bytes) -> bytes:
+def pdf_report(document: Document, record: bytes, *, summary: bool = False) -> bytes:
     """The report as PDF with its record as an attachment; the same document gives the same bytes.
 
-    Raises PdfUnavailable.
+    summary: the first page alone, with as much on it as one sheet of A4 holds.  Raises PdfUnavailable.
     """
     weasyprint = load_weasyprint()
-    page = weasyprint.HTML(string=html_report(document, None), url_fetcher=_refuse)
     with _fixed_clock(), _without_collector():
         attached = weasyprint.Attachment(
-            string=record, name=RECORD_NAME, description="The record that this report renders", created=MADE,
+            string=record, name=RECORD_NAME, description=SUMMARY_NOTE if summary else RECORD_NOTE, created=MADE,
             modified=MADE, relationship="Source",
         )  # fmt: skip
-        content: bytes = page.write_pdf(attachments=[attached])
+        smaller = 1.0
+        for each in document.summaries() if summary else (document,):
+            sheet = weasyprint.HTML(string=html_report(each, None), url_fetcher=_refuse)
+            pages = sheet.render(attachments=[attached])
+            if len(pages.pages) == 1:
+                break
+        if summary and len(pages.pages) > 1:  # names of the greatest length everywhere
+            smaller = 1.5
+            twice = weasyprint.CSS(string=f"@page {{ size: {210 * smaller}mm {297 * smaller}mm !important }}")
+            pages = sheet.render(attachments=[attached], stylesheets=[twice])
+        content: bytes = pages.write_pdf(zoom=1 / smaller, attachments=[attached])
     return content
 
 

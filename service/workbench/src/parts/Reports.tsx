@@ -7,12 +7,12 @@ import { design, type Json, say } from "../state";
 export const fileName = (named: Json = design.value?.name) => String(named ?? "").toLowerCase().normalize("NFKD").replace(/\p{M}/gu, "").replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "").slice(0, 60).replace(/-$/, "") || "design";
 
 export function Reports({ path, of }: { path: string; of?: string }) {
-  return <>{["html", "pdf", "xlsx", "json"].map((form) => <ReportLink key={form} path={path} form={form} words={form.toUpperCase()} of={of} />).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>;
+  return <>{["html", "pdf", "xlsx", "json"].map((form) => <ReportLink key={form} path={path} form={form} words={form.toUpperCase()} of={of} />).concat(<ReportLink key="summary" path={path} form="pdf" words="one page" of={of} summary />).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>;
 }
 
 /** Reports are links; with a key they are fetched with it and saved. */
-export function ReportLink({ path, form, words, of, button = false }: { path: string; form: string; words: string; of?: string; button?: boolean }) {
-  const address = `${path}?format=${form}`, name = `${fileName(of)}.${form}`;
+export function ReportLink({ path, form, words, of, button = false, summary = false }: { path: string; form: string; words: string; of?: string; button?: boolean; summary?: boolean }) {
+  const address = `${path}?format=${form}${summary ? "&summary=true" : ""}`, name = `${fileName(of)}${summary ? ".summary" : ""}.${form}`;
   const fetched = async (event: Event) => {
     if (!key.value) return;
     event.preventDefault();
