@@ -17,7 +17,6 @@ from tailstack.design import Design, compile_design
 from tailstack.levels import Drawn, level_of
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.scoring import risk_of_units
-from tailstack.statistic import STATISTIC
 from tailstack.tail.declared import law_quantile
 
 from .headline import tightest_check
@@ -68,11 +67,9 @@ P95_OF_TCP = Judgement()
 
 
 def judgement_of(check: Check | None) -> Judgement:
-    """What a check looks at; without one, P95 of the error at the tool; of what no quantile decides, P95 unlimited."""
+    """What a check that a quantile decides looks at; without one, P95 of the error at the tool."""
     if check is None:
         return P95_OF_TCP
-    if not STATISTIC[check.statistic].by_quantile:
-        return Judgement(check.error)
     limit = check.limit if check.beyond is None else check.beyond
     return Judgement(check.error, check.quantile, limit, check.min_yield, check.risk)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tailstack.measures import POINT_ERRORS
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
+from tailstack.statistic import STATISTIC
 
 from ..rendering.sentences import (
     bias_sentence,
@@ -68,8 +69,9 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
 
 
 def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
-    """The requirement that decides at a target, of those on an error that its budget is of."""
-    return decisive_check([check for check in checks if check.target == target and check.error in POINT_ERRORS])
+    """The requirement that decides at a target, of those on a quantile of an error that its budget is of."""
+    here = [check for check in checks if check.target == target and check.error in POINT_ERRORS]
+    return decisive_check([check for check in here if STATISTIC[check.statistic].by_quantile])
 
 
 def decided_difference(second: Report, differences: Sequence[Difference]) -> Difference:

@@ -79,8 +79,8 @@ class ErrorDistribution:
 class Allowance:
     """How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
 
-    Of the requirement that decides at this target: one that is not kept before one that is, then the one that is
-    nearest to its limit, or furthest beyond it; of all units together or of each unit by itself.
+    Of the requirement on a quantile that decides at this target: one that is not kept before one that is, then the one
+    that is nearest to its limit, or furthest beyond it; of all units together or of each unit by itself.
     """
 
     target: str
@@ -94,7 +94,7 @@ class Allowance:
     half_width: float
     """Half-width as it is, in `unit`."""
     requirement: str | None
-    """Requirement that decides at this target; null: none names this target."""
+    """Requirement that decides at this target; null: none on a quantile names this target."""
     status: Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
     """spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no
     influence; no requirement.

@@ -19,7 +19,7 @@ import xlsxwriter
 
 from tailstack.results.tables import Cell, Column, On, Table
 
-from ..rendering.blocks import Bullets, Document, Facts, KeyNumber, Listing
+from ..rendering.blocks import Bullets, ChangeableNumber, Document, Facts, Formula, KeyNumber, Listing
 
 # A workbook says when it was made; a report must not, or the same result would give other bytes tomorrow.
 EPOCH = datetime(2000, 1, 1)
@@ -79,6 +79,7 @@ BOLD: Look = {"bold": True, "valign": "top"}
 TITLE: Look = {"bold": True, "font_size": 14, "text_wrap": True, "valign": "top"}
 HEAD: Look = {"bold": True, "text_wrap": True, "valign": "top", "bottom": 1, "bg_color": "#EEF2F6"}
 WRAPPED: Look = {"text_wrap": True, "valign": "top"}
+ENTRY: Look = {"bg_color": "#FFF4C2", "border": 1}
 MONO: Look = {"font_name": "Courier New", "text_wrap": True, "valign": "top"}
 
 
@@ -105,7 +106,7 @@ def _look_of(column: Column, cell: Cell, indent: int) -> Look:
     }.get(column.kind, "@")  # fmt: skip
     if isinstance(cell, int | float) and not column.numeric:
         kind = "General"  # a number among texts, such as what a field was and is
-    look: Look = {"num_format": kind, "valign": "top"}
+    look: Look = {"num_format": kind, "valign": "top"} | (ENTRY if isinstance(cell, ChangeableNumber) else {})
     return look if column.numeric else look | {"align": "left", "indent": indent, "text_wrap": True}
 
 
@@ -275,6 +276,8 @@ def _cell(formats: _Formats, sheet: Any, row: int, column: int, cell: Cell, look
         sheet.write_blank(row, column, None, formats.of(look))
     elif isinstance(cell, str):
         _text(formats, sheet, row, column, cell, look)
+    elif isinstance(cell, Formula):
+        sheet.write_formula(row, column, f"={cell.text.format(row=row + 1)}", formats.of(look), float(cell))
     else:
         sheet.write_number(row, column, cell, formats.of(look))
 

@@ -53,6 +53,7 @@ from ...rendering.sentences import (
 )
 from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
+from ..live_budget import live_budget
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
 if TYPE_CHECKING:
@@ -328,6 +329,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
                 f"Target {target.name}: the estimated P95 if one contributor were perfect and all others as they are.",
             ),
             budget_with_slack(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances, score.decimals),
+            group(live_budget(target, "What if", allowances, score.verdict.checks), on=On.SHEET),
         ]
         if target.worst_vertex:
             blocks.append(Paragraph(f"Bounded components stand at their worst ends: {', '.join(target.worst_vertex)}."))

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from ..records import Allowance
 
 SLACK_NOTE = (
-    " Half-width at limit: the one at which the requirement that decides at the target, of all units together or of "
-    "each unit, is just met, by estimate, if nothing else changes; slack is what is left to it, negative where it has "
-    "to shrink, empty where not even zero is enough. Slack can be spent once: two tolerances cannot both use it up."
+    " Half-width at limit: the one at which the requirement on a quantile that decides at the target, of all units "
+    "together or of each unit, is just met, by estimate, if nothing else changes; slack is what is left to it, "
+    "negative where it has to shrink, empty where not even zero is enough. Slack can be spent once: two tolerances "
+    "cannot both use it up."
 )
 COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
 
