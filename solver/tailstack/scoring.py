@@ -445,8 +445,9 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     else:
         value = (error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)).quantile_mm
         interval = _error_band(value, trust, p)
-    if not MEASURE[requirement.error].calibrated:
-        interval, why = OPEN, f"what first order errs by in {MEASURE[requirement.error].words} was not calibrated"
+    if not (measure := MEASURE[requirement.error]).calibrated:
+        interval = OPEN
+        why = f"what first order errs by in {measure.words} was not calibrated{measure.first_order}"
     missed = shots is not None and fraction is None
     return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
@@ -463,7 +464,7 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     assert value is not None
     why = ""
     if not (measure.calibrated and row.calibrated):
-        why = f"what first order errs by in the {row.name} of {measure.words} was not calibrated"
+        why = f"what first order errs by in the {row.name} of {measure.words} was not calibrated{measure.first_order}"
     elif shots is not None:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
     percent = error_percent(trust, row.trusted_as(p))

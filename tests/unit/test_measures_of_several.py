@@ -61,7 +61,7 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
     z = draw(plan, seed, np.arange(2))
     found = measure_errors(system, np.moveaxis(evaluate(plan, z), 0, -1))
     told = {metric.key: np.linalg.norm(e, axis=0) for metric, e in zip(system.metrics, found, strict=True)}
-    assert len(told) == 2 * 7 + 3 + 1 + 3 + 2 * 2
+    assert len(told) == 2 * 7 + 3 + 1 + 3 + 2 * 3
     planned = {t.name: (system.T_tcp_con @ np.append(t.position_mm, 1))[:3] for t in system.targets}
     for trial in range(2):
         errors = {
@@ -78,10 +78,12 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
         turn, shift = kabsch(before, after)
         expected["bone", "rotation"] = np.rad2deg(Rotation.from_matrix(turn).magnitude())
         expected["bone", "translation"] = np.linalg.norm((after - before).mean(axis=0))
+        expected["bone", "worst_point"] = np.linalg.norm(after - before, axis=1).max()
         before, after = (np.array([points[name] for name in implant]) for points in (planned, reached))
         after = (after - shift) @ turn  # where it would be with the bone in its place
         expected["implant", "rotation"] = np.rad2deg(Rotation.from_matrix(kabsch(before, after)[0]).magnitude())
         expected["implant", "translation"] = np.linalg.norm((after - before).mean(axis=0))
+        expected["implant", "worst_point"] = np.linalg.norm(after - before, axis=1).max()
         assert {key: told[key][trial] for key in expected} == pytest.approx(expected, rel=1e-7, abs=1e-9)
 
 
@@ -148,7 +150,8 @@ def test_first_order_is_the_slope_of_the_whole(seed: int) -> None:
     names = tuple(target.name for target in system.targets)
     bodies = MeasuredBody("all", names), MeasuredBody("some", names[1:], names[:3])
     system = replace(system, asked={"point_to_point": (names,)}, bodies=bodies)
-    bent = [metric.site for metric in system.metrics if metric.site.exact is not None]
+    others = (metric for metric in system.metrics if metric.measure.name != "worst_point")  # which has no slope
+    bent = [metric.site for metric in others if metric.site.exact is not None]
     assert len(bent) == 6 + 4
     for site in bent:
         assert site.exact is not None
@@ -236,17 +239,29 @@ def test_migration_is_drawn_and_judged_in_its_unit() -> None:
     data = with_body("rotation", targets=["implant"], limit_deg=1.0)
     data["requirements"][0].pop("limit_mm")
     first, drawn = score(load_design(data), losses=False), verify(load_design(data), trials=20_000, seed=3)
-    assert [each.site for each in first.measures] == ["bone", "implant"] * 2
+    assert [each.site for each in first.measures] == ["bone", "implant"] * 3
     for estimate, told in zip(first.measures, drawn.measures, strict=True):
         low, high = told.p95_interval or (0.0, 0.0)
         spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.02 * estimate.p95
-        assert low - spread < estimate.p95 < high + spread
+        assert estimate.p95 < high + spread
+        assert low - spread < estimate.p95 or estimate.measure == "worst_point"  # a lower bound
     (check,) = drawn.verdict.checks
     assert (check.target, check.unit, check.limit) == ("implant", "deg", 1.0)
     assert check.status == "fail"
     assert check.value == drawn.measures[1].p95
     everywhere = with_body("tcp", targets=["bone"])
     assert [each.target for each in score(load_design(everywhere)).verdict.checks] == ["m0", "m1", "m2"]
+
+
+def test_the_condition_number_of_markers_is_told() -> None:
+    """hand-made: a square of 20 mm has two singular values of 20 mm and one of 0 about its centre."""
+    data = with_body("worst_point", targets=["implant"])
+    for target, (x, y) in zip(data["targets"], [(10, 10), (10, -10), (-10, -10), (-10, 10)], strict=False):
+        target["position_mm"] = [x, y, 60]
+    data["bodies"] = [{"name": "implant", "targets": ["m0", "m1", "m2", "m3"]}]
+    found = score(load_design(data), losses=False)
+    assert any("condition number of its targets 50 /m" in note for note in found.provenance.notes)
+    assert found.verdict.checks[0].open_because.endswith("no more than a lower bound")
 
 
 @pytest.mark.parametrize(

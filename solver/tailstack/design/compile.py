@@ -40,7 +40,7 @@ from ..system import (
 from ..tolerances import Source, coverage_of, gather_sources
 from .assumed import list_assumed
 from .cameras import compile_view, detector_distances
-from .consistency import expand_target, find_pivots
+from .consistency import describe_condition, expand_target, find_pivots
 from .document import (
     DesignDocument,
     Execution,
@@ -87,6 +87,7 @@ def _compile(design: Design) -> System:
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
     notes += [f"trajectory {each.entry} to {each.name}: {DRAWN_ANEW}" for each in targets if each.entry is not None]
+    notes += [describe_condition(document, body) for body in document.bodies]
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
     tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)

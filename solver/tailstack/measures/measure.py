@@ -86,6 +86,7 @@ class Measure:
     unit: str = "mm"  # of e; the field of a limit is named after it
     calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
     paired: bool = False  # whether e is two vectors, weights (6, 6), and its number the length of the longer
+    first_order: str = ""  # where that is of something else: behind why it decides nothing, what it is of
 
     @property
     def limit_field(self) -> str:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from .measure import Measure, Measured, Site, Sites, degrees_between
 
 if TYPE_CHECKING:
-    from .measure import Array, MeasuredBody
+    from .measure import Array, Exact, MeasuredBody
 
 NEWTON_STEPS = 8  # from no turn; each squares what is missing
 TURNED = 1e-9  # largest last step, rad, of a turn that is found
+FITTED = "of the rigid motion that fits the points of a body"
+FARTHEST = "; it is that of the point farthest from the centroid, no more than a lower bound"
 
 
 class BodyFit:
@@ -28,8 +30,8 @@ class BodyFit:
         self.points = np.array([places[name] for name in self.targets])
         self.others = np.array([places[name] for name in self.against]).reshape(-1, 3)
 
-    def weights(self) -> tuple[dict[str, Array], Array]:
-        """By target, (K, 3, 3) from its error to those of the K points; and (K, 3, 3) from these to the turn, rad."""
+    def weights(self) -> dict[str, Array]:
+        """By target, (K, 3, 3) from its error to those of the K points."""
         import numpy as np
 
         count = len(self.points)
@@ -40,7 +42,19 @@ class BodyFit:
             arms = cross_matrices(self.points - self.others.mean(axis=0))
             for name, turn in zip(self.against, turn_weights(self.others), strict=True):
                 weights[name] += arms @ turn - np.eye(3) / len(self.others)
-        return weights, turn_weights(self.points)
+        return weights
+
+    def ways(self) -> dict[str, tuple[Array, Exact]]:
+        """By measure: to first order, (K, 3, 3) from the errors of the K points; and what has it whole."""
+        import numpy as np
+
+        arms, each = ((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1), np.ones((len(self.points), 1, 1))
+        farthest = each * (np.arange(len(arms)) == arms.argmax())[:, None, None]
+        return {
+            "rotation": (np.rad2deg(turn_weights(self.points)), self.turn),
+            "translation": (each * np.eye(3) / len(arms), self.shift),
+            "worst_point": (farthest * np.eye(3), self.worst),
+        }
 
     def errors_of_points(self, errors: Mapping[str, Array]) -> Array:
         """(K, 3, n) of the K points, of errors (6, n) by target."""
@@ -62,6 +76,14 @@ class BodyFit:
         turn = fit_turn(self.points, self.errors_of_points(errors))
         size = np.sqrt(sum_in_order(turn[1:] ** 2))
         return np.asarray(turn[1:] * 2 * degrees_between(turn[0], size) / np.where(size > 0, size, 1))
+
+    def worst(self, errors: Mapping[str, Array]) -> Array:
+        """(3, n) mm of the point whose error is largest, likewise."""
+        import numpy as np
+
+        every = self.errors_of_points(errors)
+        largest = (every**2).sum(axis=1).argmax(axis=0)
+        return np.asarray(np.take_along_axis(every, largest[None, None], axis=0)[0])
 
     def shift(self, errors: Mapping[str, Array]) -> Array:
         """(3, n) mm of its centroid, likewise."""
@@ -156,8 +178,8 @@ def turn_points(turn: Array, points: Array) -> Array:
     return np.asarray(points + turn[0] * twice + np.cross(axis, twice, axis=-2))
 
 
-def sites_of(turns: bool) -> Sites:
-    """Sites of the turn, deg, or of the shift of the centroid, mm, of every body."""
+def sites_of(name: str) -> Sites:
+    """Where a measure of bodies is read: at every body."""
 
     def sites(design: Measured) -> tuple[Site, ...]:
         import numpy as np
@@ -165,32 +187,38 @@ def sites_of(turns: bool) -> Sites:
         found = []
         for body in design.bodies:
             fit = BodyFit(design, body)
-            by_target, turn = fit.weights()
-            each = np.rad2deg(turn) if turns else np.broadcast_to(np.eye(3) / len(turn), turn.shape)
-            of_tool = {name: np.einsum("kij,kjl->il", each, weights) for name, weights in by_target.items()}
-            weights = {name: np.hstack([own, np.zeros((3, 3))]) for name, own in of_tool.items()}
-            found.append(Site(body.name, weights, fit.turn if turns else fit.shift))
+            by_target, (each, exact) = fit.weights(), fit.ways()[name]
+            of_tool = {target: np.einsum("kij,kjl->il", each, weights) for target, weights in by_target.items()}
+            weights = {target: np.hstack([own, np.zeros((3, 3))]) for target, own in of_tool.items()}
+            found.append(Site(body.name, weights, exact))
         return tuple(found)
 
     return sites
 
 
-def measure_bodies(name: str, words: str, meaning: str, sites: Sites, unit: str = "mm") -> Measure:
+def measure_bodies(name: str, words: str, meaning: str, unit: str = "mm", first_order: str = "") -> Measure:
     """A measure of every body."""
     return Measure(
         name=name,
         words=words,
-        brief=f", {name}",
-        meaning=f"{meaning} of a body, by the rigid motion that fits its points at the tool",
+        brief=f", {name.replace('_', ' ')}",
+        meaning=f"{meaning}, everything included",
         frame="tcp",
-        sites=sites,
+        sites=sites_of(name),
         needs="bodies: [{name: ..., targets: [three or more]}] of the design, and those targets or its name",
         unit=unit,
         calibrated=False,
+        first_order=first_order,
     )
 
 
 MEASURES = (
-    measure_bodies("rotation", "the rotation of the body", "rotation", sites_of(turns=True), "deg"),
-    measure_bodies("translation", "the translation of the body", "translation of the centroid", sites_of(turns=False)),
+    measure_bodies("rotation", "the rotation of the body", f"rotation {FITTED}", "deg"),
+    measure_bodies("translation", "the translation of the body", f"shift of the centroid {FITTED}"),
+    measure_bodies(
+        "worst_point",
+        "the error of the body's worst point",
+        "largest error of any point of a body, in radiostereometry MTPM",
+        first_order=FARTHEST,
+    ),
 )
