@@ -447,7 +447,7 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
         interval = _error_band(value, trust, p)
     if not (measure := MEASURE[requirement.error]).calibrated:
         interval = OPEN
-        why = f"what first order errs by in {measure.words} was not calibrated{measure.first_order}"
+        why = f"how far the estimate of {measure.words} is from a simulation is not known{measure.first_order}"
     missed = shots is not None and fraction is None
     return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
@@ -464,7 +464,8 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     assert value is not None
     why = ""
     if not (measure.calibrated and row.calibrated):
-        why = f"what first order errs by in the {row.name} of {measure.words} was not calibrated{measure.first_order}"
+        of = f"the {row.name} of {measure.words}"
+        why = f"how far the estimate of {of} is from a simulation is not known{measure.first_order}"
     elif shots is not None:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
     percent = error_percent(trust, row.trusted_as(p))

@@ -240,8 +240,8 @@ def correlate(sources: Sources, correlation: Array) -> Sources:
 
 def no_sources(dimension: int) -> Sources:
     """Sources that are not there: k = 0."""
-    empty = np.zeros(0)
-    return Sources((), (), empty, empty, (), np.zeros((dimension, 0)))
+    empty = frozen(np.zeros(0))
+    return Sources((), (), empty, empty, (), frozen(np.zeros((dimension, 0))))
 
 
 class Place(IntEnum):

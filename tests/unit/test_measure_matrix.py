@@ -169,7 +169,10 @@ def meet_simulation(own: Subject, measure: Measure) -> None:
     """sampled: P95 of 20,000 trials has a standard error of 1.2 % at most; first order leaves out less than 1 %."""
     drawn, estimate = check_of(own.verification.verdict.checks, measure), own.check(measure)
     assert (drawn.target, drawn.unit) == (estimate.target, estimate.unit)
-    assert drawn.value == pytest.approx(estimate.value, rel=0.06)
+    if measure.first_order:  # a lower bound
+        assert drawn.value > 0.94 * estimate.value
+    else:
+        assert drawn.value == pytest.approx(estimate.value, rel=0.06)
     assert drawn.interval[0] < drawn.value < (drawn.interval[1] or 0)
 
 

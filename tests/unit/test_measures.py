@@ -171,7 +171,7 @@ def test_lateral_and_axial_errors_are_the_components_of_every_trial() -> None:
     side = drawn.verdict.checks[-1]
     assert (side.error, side.value, side.unit) == ("lateral", told[0][1].p95, "mm")
     assert first.verdict.checks[-1].open_because == (
-        "what first order errs by in the lateral error at the tool was not calibrated"
+        "how far the estimate of the lateral error at the tool is from a simulation is not known"
     )
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NEWTON_STEPS = 8  # from no turn; each squares what is missing
 TURNED = 1e-9  # largest last step, rad, of a turn that is found
 FITTED = "of the rigid motion that fits the points of a body"
-FARTHEST = "; it is that of the point farthest from the centroid, no more than a lower bound"
+FARTHEST = "; it is that of the point farthest from the centroid, and the largest is no less"
 
 
 class BodyFit:

@@ -493,7 +493,7 @@ def measures_table(measures: Sequence[MeasureResult]) -> Table:
         Column("Known", "", "fixed", 3, of=lambda row: row.known),
         Column("Mean", "", "fixed", 3, of=lambda row: row.mean),
         Column("P95", "", "fixed", 3, of=lambda row: row.p95),
-        Column("CVaR95", "", "fixed", 3, of=lambda row: row.cvar95),
+        Column("CVaR95", "", "fixed", 3, brief="mean of worst\n5 %", of=lambda row: row.cvar95),
         Column("Limit", "", "stated", 3, of=lambda row: row.limit),
         Column("Beyond limit", "%", "percent", 2, of=lambda row: row.exceedance_probability),
     )
