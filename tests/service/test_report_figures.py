@@ -17,8 +17,11 @@ from scipy.stats import chi2
 from service_scenes import EXAMPLES, small_design
 
 from tailstack import Design, load_design, score
+from tailstack.design import compile_design
 from tailstack.design.pointers import pointer_of
 from tailstack.geometry.arrays import Array
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import LinearModel
 from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep
@@ -755,3 +758,24 @@ def test_a_fiducial_that_a_view_does_not_use_is_drawn_hollow() -> None:
         False,
         *[True] * (len(labels) - 1),
     ]
+
+
+def test_executed_axes_leave_a_corridor_as_trials_do() -> None:
+    """independent: ends of the simulation's own shots across the axis, by cross products."""
+    design = example("pedicle_screw")
+    found, system = scene(design), compile_design(design)
+    (planned,) = of(found, "line", "trajectory")
+    rims = [np.array(item.points) for item in of(found, "line", "corridor") if len(item.points) > 2]
+    begin, end = np.array(planned.points)
+    along = (end - begin) / np.linalg.norm(end - begin)
+    for rim, centre in zip(rims, (begin, end), strict=True):
+        radii = np.linalg.norm(rim - centre, axis=1)
+        assert radii == pytest.approx(np.full(len(rim), 1.25 * found.magnification), abs=2 * WRITTEN)
+    drawn = np.array([item.points for item in of(found, "line", "executed")]) - [begin, end]
+    off = np.linalg.norm(np.cross(drawn, along), axis=2) / found.magnification
+    errors = run_indices(compile_plan(system), 0, 0, 50).errors[::-1, 0]  # entry, tip
+    turned = system.T_tcp_con[:3, :3] @ along
+    expected = np.linalg.norm(np.cross(np.moveaxis(errors, 1, 2), turned), axis=2)
+    np.testing.assert_allclose(off.T, expected, atol=2 * WRITTEN)
+    assert "executed axes" in found.note
+    assert not of(scene_of(design, None, design.name), "line", "executed")

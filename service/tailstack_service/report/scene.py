@@ -19,6 +19,8 @@ from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 
 from .beams import Beam, beams_of
 from .svg import LONGEST, in_lines, printable, round_step
@@ -101,6 +103,9 @@ LOOKS: dict[str, dict[str, Any]] = {  # of lines, faces, arrows and ellipsoids
     "tcp": {"stroke": "#a84600", "width": 1.1, "fill": "#e69f00", "opacity": 0.3},
     "tcp-before": {"stroke": "#6b7780", "width": 1.0, "fill": "#9aa4ad", "opacity": 0.2, "dash": [3, 2]},
     "localisation": {"stroke": "#00618f", "width": 1.0, "fill": "#56b4e9", "opacity": 0.25},
+    "trajectory": {"stroke": "#222222", "width": 1.4},
+    "corridor": {"stroke": "#00795a", "width": 0.9},
+    "executed": {"stroke": "#a84600", "width": 0.6},
     "bias": {"stroke": "#8c1d5b", "width": 1.8},
     "bias-before": {"stroke": "#6b7780", "width": 1.4},
 }
@@ -436,6 +441,36 @@ def errors(system: System, score: Score | Errors, magnification: float, called: 
     return items
 
 
+EXECUTED = 50  # axes drawn of each trajectory
+
+
+def trajectories(system: System, magnification: float) -> list[Item]:
+    """Planned trajectories; magnified as errors are, their corridors, and the axes of some shots of a simulation."""
+    named = {target.name: k for k, target in enumerate(system.targets)}
+    entered = [(named[target.entry], k, target) for k, target in enumerate(system.targets) if target.entry is not None]
+    if not entered:
+        return []
+    found = run_indices(compile_plan(system), 0, 0, EXECUTED).errors[:, 0] if magnification else np.zeros((0, 3, 0))
+    found = magnification * system.T_tcp_con[:3, :3].T @ found
+    items = []
+    for first, last, target in entered:
+        begin, end = system.targets[first].position_mm, target.position_mm
+        name = f"{printable(target.entry or '', LONGEST)} to {printable(target.name, LONGEST)}"
+        items.append(Item("line", "targets", "trajectory", points_of([begin, end]), "", f"trajectory {name}"))
+        if not magnification:
+            continue
+        for shot in np.flatnonzero(np.isfinite(found[[first, last]]).all(axis=(0, 1))):
+            title = f"{name}: executed axis of shot {shot + 1} of a simulation, seed 0"
+            ends = points_of([begin + found[first, :, shot], end + found[last, :, shot]])
+            items.append(Item("line", "executed", "executed", ends, "", title))
+        if target.corridor_mm is not None:
+            length, radius = float(np.linalg.norm(end - begin)), magnification * target.corridor_mm
+            title = f"corridor of {name}: radius {target.corridor_mm:g} mm"
+            lines = cylinder_lines(begin, end - begin, length, radius)
+            items += [Item("line", "corridor", "corridor", points_of(line), "", title) for line in lines]
+    return items
+
+
 def extent(item: Item) -> Array:
     """(M, 3) points around an error as drawn."""
     points = np.array(item.points)
@@ -480,6 +515,7 @@ def scene_of(
         *zones(design),
     ]
     drawn = [item for k, (at, its) in enumerate(scores) for item in errors(at, its, magnification, called if k else "")]
+    drawn += trajectories(system, magnification)
     shown = np.vstack([*structures, items[0].points, *(extent(item) for item in drawn)])
     arrows = [beam_arrow(beam, shown) for beam in beams]
     items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system, len(beams) > MOST_NAMED))]
@@ -488,7 +524,7 @@ def scene_of(
         title=printable(title, 2 * LONGEST),
         words=_words(system, beams, magnification, old, called),
         magnification=magnification,
-        note=_note(beams, magnification),
+        note=_note(beams, system, magnification),
         layers=_layers(items, system, called),
         cameras=cameras(beams),
         items=tuple(items),
@@ -533,6 +569,8 @@ def _layers(items: Sequence[Item], system: System, called: str) -> tuple[Layer, 
         Layer("tcp", "Error at the tool, 95 % ellipsoid", True),
         Layer("bias", "Bias at the tool", True),
         Layer("localisation", "Error as located, 95 % ellipsoid", False),
+        Layer("corridor", "Corridors of trajectories", True),
+        Layer("executed", f"Executed axes, {EXECUTED} shots", True),
         Layer("pivots", "Pivots of the interfaces", True),
         Layer("levers", "Lever arms to the first target", False),
         Layer("locators", "Locators", True),
@@ -549,7 +587,7 @@ def _layers(items: Sequence[Item], system: System, called: str) -> tuple[Layer, 
     return tuple(layer for layer in known if layer.key in used)
 
 
-def _note(beams: Sequence[Beam], magnification: float) -> str:
+def _note(beams: Sequence[Beam], system: System, magnification: float) -> str:
     words = "Positions are nominal, in the connector frame con, mm; marks are not to scale."
     if magnification > 0:
         size = "are drawn to scale" if magnification == 1 else f"are magnified {magnification:g} times"
@@ -557,6 +595,8 @@ def _note(beams: Sequence[Beam], magnification: float) -> str:
             f" Error ellipsoids and biases {size}: estimated, the ellipsoid that holds 95 % of a normal scatter as "
             "large, about target + bias."
         )
+    if magnification > 0 and any(target.entry is not None for target in system.targets):
+        words += " So are corridors and what executed axes are off by, about the planned trajectory."
     unknown = [printable(beam.view.name, LONGEST) for beam in beams if not beam.stated]
     if unknown:
         words += f" Where the detector of {', '.join(unknown)} stands is not stated: it is drawn behind what it images."

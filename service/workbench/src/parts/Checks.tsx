@@ -47,6 +47,9 @@ export function Measures({ of: { kind, record } }: { of: AnyReading }) {
           ))}
         </tbody>
       </table>
+      {record.measures.filter((each) => each.breaches?.length).map((each) => (
+        <p key={each.site} class="note">{`${each.site}: out of its corridor in ${each.breaches!.map(({ beyond_mm, probability }) => `${percent(probability, 2)} of shots${beyond_mm ? ` by more than ${beyond_mm} mm` : ""}`).join(", ")}.`}</p>
+      ))}
     </div>
   );
 }
