@@ -875,7 +875,7 @@ class TargetDocument(Record):
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:
         if self.corridor_mm is not None and self.entry is None:
-            raise refusal("unused-field", "corridor_mm is read only beside entry", "entry: NAME", "corridor_mm")
+            raise refusal("unused-field", "corridor_mm is read only beside entry: NAME", at="corridor_mm")
         stated = [name for name in ("direction", "entry") if getattr(self, name) is not None]
         if stated and (self.region is not None or len(stated) > 1):
             detail = "beside position_mm stands direction or entry, beside region neither"
