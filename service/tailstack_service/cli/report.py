@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin"
     parser.add_argument("sources", metavar="RESULT|DESIGN", nargs="+", help=words)
     words = "html, pdf, xlsx, json, separated by commas (default html)"
-    parser.add_argument("--format", type=_list_type(FORMATS), metavar="LIST", help=words)
+    parser.add_argument("--format", type=_read_forms, metavar="LIST", help=words)
     words = "directory for the files (default: this one), or the file, whose ending is then the format"
     parser.add_argument("-o", "--output", metavar="DIR|FILE", help=words)
     parser.add_argument("--summary", action="store_true", help="one page to sign, A4, as a PDF")
@@ -57,17 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fast", action="store_true", help="with --verify: without Monte Carlo and optimiser")
 
 
-def _list_type(known: Sequence[str]) -> type:
-    """An argparse type: names out of a list, separated by commas, each once."""
-
-    def convert(text: str) -> tuple[str, ...]:
-        names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-        unknown = [name for name in names if name not in known]
-        if unknown or not names:
-            raise argparse.ArgumentTypeError(f"expected {', '.join(known)}; got {text!r}")
-        return names
-
-    return convert  # type: ignore[return-value]
+def _read_forms(text: str) -> tuple[str, ...]:
+    """Formats separated by commas, each once."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names or not set(names) <= set(FORMATS):
+        raise argparse.ArgumentTypeError(f"expected {', '.join(FORMATS)}; got {text!r}")
+    return names
 
 
 def run(arguments: argparse.Namespace) -> Answer:

@@ -177,7 +177,7 @@ class Document:
 
     def summaries(self) -> Iterator[Document]:
         """Its first page by itself, each time with less on it: pictures, then what matters, then rows go."""
-        made = replace(self.provenance, pairs=self.provenance.pairs[:5])  # which design, record and version
+        made = replace(self.provenance, pairs=self.provenance.pairs[:8])  # which design, record and version
         page = replace(self, sections=(), kind=f"{self.kind}, summary", provenance=made)
         yield page
         yield replace(page, figures=())

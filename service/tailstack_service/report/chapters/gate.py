@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shlex
 
+from tailstack.results.verdicts import urgency
+
 from ...gate.records import (
     GateRecord,
     JudgedNumber,
@@ -30,7 +32,8 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     if accepted:
         tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
     numbers = [JudgedNumber(design.file, entry) for design in record.designs for entry in design.numbers]
-    designs = [designs_table(record), numbers_table(numbers)]
+    numbers.sort(key=lambda row: urgency(row.check))
+    designs = [designs_table(record)]
     if any(design.not_judged for design in record.designs):
         designs.append(unjudged_table(record))
     return Document(
@@ -48,6 +51,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
             KeyNumber("Accepted", str(len(accepted)), "by waivers in force"),
         ),
         matters=tuple(f"{finding.file}: {finding.message}" for finding in counted if finding.severity == "error")[:3],
+        requirements=numbers_table(numbers) if numbers else None,
         sections=(
             Section("Designs", tuple(designs)),
             Section("Findings", tuple(tables) or (Bullets(("None.",)),)),
