@@ -191,6 +191,7 @@ def test_more_fiducials_where_they_pay() -> None:
     assert positions(result.design)["F2"] == list(POINTS_MM[1])
     assert [entry.label for entry in result.moved] == ["F7", "F3", "F4", "F5", "F6", "F1", "F8"]
     assert [entry.before_mm for entry in result.moved[-2:]] == [None, None]
+    assert result.moves is None  # there is no layout of eight that could be left
     assert result.counts[1].cost is not None
     assert result.counts[0].cost is not None
     assert result.counts[1].cost < result.counts[0].cost

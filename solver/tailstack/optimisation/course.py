@@ -120,7 +120,8 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
         value = None if task.request.graded else value_placement(optimum.search, task.seed, control)
         moves = None
-        if not (task.request.graded or optimum.kept):
+        as_many = optimum.count == len(task.request.problem.system.fiducial_labels)
+        if as_many and not (task.request.graded or optimum.kept):
             found = optimum.optimum
             wanted = task.request.section.fewest_moves or task.request.section.stay is not None
             labels = found.problem.system.fiducial_labels
