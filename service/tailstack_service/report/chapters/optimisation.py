@@ -87,6 +87,7 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
             *others_sentences(optimisation),
             *(() if optimisation.view_offer is None else (optimisation.view_offer.sentence,)),
             binding,
+            *(() if optimisation.moves is None else (sentence_of(optimisation.moves.sentence),)),
             *(sentence_of(price.sentence) for price in optimisation.shadow_prices[:2]),
         ),
         sections=(
