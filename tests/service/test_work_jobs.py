@@ -128,8 +128,15 @@ def test_a_radial_check_that_does_not_hold_is_refused_as_in_process() -> None:
     [
         {"design": document(8, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": 6, "seed": 2},
         {"design": document(8, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": None, "seed": None},
+        {
+            "design": document(
+                6, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}, stay={"cost_per_mm": 2.0}
+            ),
+            "starts": 5,
+            "seed": 3,
+        },
     ],
-    ids=["placement", "budgets"],
+    ids=["placement", "budgets", "moves that cost"],
 )
 def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[str, Any]) -> None:
     options = {"seed": request_["seed"], "starts": request_["starts"]}

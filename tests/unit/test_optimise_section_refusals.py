@@ -132,6 +132,7 @@ MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
     "nothing that could stay": (
         section(tolerances=[RX], stay={"at_most_mm": 5}), "/stay", "unused-field", "region",
     ),
+    "moves of nothing": (section(tolerances=[RX], fewest_moves=True), "/fewest_moves", "unused-field", "region"),
     "a price of moving without a cost": (
         section(box=BOX, stay={"cost_per_mm": 1}), "/stay/cost_per_mm", "unsupported", "at_most_mm instead",
     ),

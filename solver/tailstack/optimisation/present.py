@@ -11,10 +11,11 @@ from math import dist, inf
 import numpy as np
 from scipy.optimize import brentq
 
-from ..design import Design
+from ..design import Design, compile_design
 from ..errors import TailstackError
 from ..geometry.arrays import Array
 from ..results.digits import at_least, at_most
+from ..system import System
 from .exact_law import exact_ratios
 from .prices import drop_dominated
 from .problem import (
@@ -93,12 +94,13 @@ def merit_as_written(request: OptimiseRequest) -> float:
 
 def price_as_written(request: OptimiseRequest, design: Design) -> float:
     """Of what moving has brought a design to that the request's became."""
-    if request.problem.stay is None or not request.problem.stay.cost_per_mm:
+    stay, before = request.problem.stay, request.problem.system
+    if stay is None or not stay.cost_per_mm:
         return 0.0
-    homes = dict(zip(request.design.fiducials.labels, request.design.fiducials.positions_mm, strict=True))
-    placed = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
-    ways = (dist(at, homes[label]) for label, at in placed if label in homes)
-    return request.problem.stay.cost_per_mm * sum(ways)
+    homes = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
+    now: System = compile_design(design)
+    placed = zip(now.fiducial_labels, now.fiducials_mm, strict=True)
+    return stay.cost_per_mm * sum(dist(at, homes[label]) for label, at in placed if label in homes)
 
 
 def bring_inside(problem: PlacementProblem, choice: Choice) -> Choice:
