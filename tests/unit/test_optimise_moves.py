@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from itertools import permutations
-from math import radians
+from math import dist, exp, radians
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.optimize import brentq
 
 from optimise_documents import BOX, document, moving, optimised, positions
 from plain_data import EXAMPLES
@@ -20,7 +22,8 @@ from tailstack.optimisation.problem import SMOOTH_MM, Choice, Homes
 from tailstack.optimisation.request import label_places, read_request
 from tailstack.optimisation.search import Control, prepare_search
 from tailstack.optimisation.terms import every_terms
-from tailstack.results import Optimisation
+from tailstack.results import Optimisation, Score
+from tailstack.scoring import score
 
 LOW, HIGH = np.array(BOX["min_mm"]), np.array(BOX["max_mm"])
 
@@ -198,6 +201,45 @@ def test_with_a_price_of_moving_the_answer_beats_the_plain_optimum_as_written(na
     # the same price at twice as much moves less
     dearer = optimised(data | {"optimise": data["optimise"] | {"stay": {"cost_per_mm": 3 * SHIPPED[name]}}})
     assert dearer.cost_of_moves / (3 * SHIPPED[name]) < stayed.cost_of_moves / SHIPPED[name]
+
+
+@pytest.mark.long
+def test_no_fiducial_by_itself_would_be_cheaper_elsewhere_or_at_home() -> None:
+    """independent: costs by the score, the free half-widths scaled by one factor to the same P95, the ways added."""
+    data = yaml.safe_load((EXAMPLES / "first_carrier.yaml").read_text(encoding="utf-8"))
+    data["optimise"] |= {"starts": 4, "stay": {"cost_per_mm": 1.0}}
+    result = optimised(data)
+    design = json.loads(json.dumps(result.design))
+    home, now = positions(result.design_before), positions(result.design)
+
+    def total(places: dict[str, Any]) -> float | None:
+        """None where beads are too near to one another, in space or in an image."""
+        design["fiducials"]["points"] = [{"label": label, "position_mm": list(at)} for label, at in places.items()]
+        apart = [dist(places[one], places[other]) for one in places for other in places if one < other]
+
+        def scored(log_factor: float) -> Score:
+            for entry in result.tolerances:
+                width = min(entry.after_half_width * exp(log_factor), 0.5)
+                design["interfaces"][entry.contributor]["tolerances"][entry.component]["half_width_deg"] = width
+            return score(load_design(design))
+
+        if min(apart) < 12 - 1e-3 or min(view.closest_pair_px for view in scored(0.0).views) < 25 - 0.01:
+            return None
+        factor = brentq(lambda x: scored(x).targets[0].p95_mm - result.p95_after_mm, -0.5, 0.5, xtol=1e-7)
+        widths = (min(entry.after_half_width * exp(factor), 0.5) for entry in result.tolerances)
+        return sum(1 / radians(width) for width in widths) + sum(dist(places[label], home[label]) for label in places)
+
+    here = total(now)
+    assert here == pytest.approx(result.cost_after, rel=1e-6)
+    assert here is not None
+    tried = 0
+    for label in now:
+        steps = np.array(now[label]) + 1.5 * np.vstack([np.eye(3), -np.eye(3)])
+        for place in (*np.clip(steps, LOW, HIGH).tolist(), home[label]):
+            there = total(now | {label: place}) if place != now[label] else None
+            tried += there is not None
+            assert there is None or there > here * (1 - 2e-5), (label, place)
+    assert tried > 30
 
 
 @pytest.mark.long
