@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -98,3 +99,73 @@ def test_an_optimum_that_leaves_the_beads_keeps_their_file_and_its_frame(tmp_pat
     kept = _with_file(result, OutputFiles(tmp_path / "d.yaml", None), found)
     assert kept["fiducials"]["file"] == "beads.csv"
     assert load_design(kept, base_directory=tmp_path).sha256 == found.sha256
+
+
+def markups(kind: str, points: list[tuple[str, Array]]) -> str:
+    """A file of 3D Slicer, in RAS."""
+    held = [{"label": label, "position": (at * [-1, -1, 1]).tolist()} for label, at in points]
+    return json.dumps({"markups": [{"type": kind, "coordinateSystem": "RAS", "controlPoints": held}]})
+
+
+ENDS = np.array([[10.0, 5.0, 60.0], [4.0, 3.0, 85.0]])
+
+
+def planned(folder: Path, *files: dict[str, Any]) -> Design:
+    """The demo with its beads and what is planned in a scanner's frame."""
+    there = (ENDS - SHIFT) @ TURN
+    points = [("L-1", there[0]), ("L-2", there[1])]
+    (folder / "line.mrk.json").write_text(markups("Line", points), encoding="utf-8")
+    (folder / "one.mrk.json").write_text(markups("Line", points[:1]), encoding="utf-8")
+    data = data_of_file(folder, registered_to=named(BEADS))
+    return load_design(data | {"targets": [], "target_files": list(files)}, base_directory=folder)
+
+
+def test_a_line_of_the_scene_of_the_beads_is_a_trajectory_in_con(tmp_path: Path) -> None:
+    """closed_form: the design that states its two targets, to its hash."""
+    found = planned(tmp_path, {"file": "line.mrk.json", "line": "L4", "as_fiducials": True})
+    first, last = ENDS.tolist()
+    stated = [
+        {"name": "L4", "position_mm": last, "entry": "L4 entry"},
+        {"name": "L4 entry", "position_mm": first},
+    ]
+    assert found.sha256 == load_design(DEMO | {"targets": stated}).sha256
+    assert load_design(design_to_data(found)).sha256 == found.sha256
+    said = [note for note in score(found).provenance.notes if note.startswith("line.mrk.json")]
+    assert any("RAS" in note for note in said)
+    assert any("registration to 12" in note for note in said)
+
+
+def test_points_of_a_file_with_a_transform_of_its_own_are_targets_by_their_labels(tmp_path: Path) -> None:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = TURN, SHIFT
+    found = planned(tmp_path, {"file": "line.mrk.json", "T_con_file": matrix.tolist()})
+    assert [each.name for each in found.document.targets] == ["L-1", "L-2"]
+    np.testing.assert_allclose([each.position_mm for each in found.document.targets], ENDS, atol=1e-6)
+
+
+STRETCHED, STILL = np.diag([2, 1, 1, 1]).tolist(), np.eye(4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("file", "field", "code"),
+    [
+        ({"file": "none.csv"}, "file", "file-not-found"),
+        ({"file": "one.mrk.json", "line": "L4"}, "line", "zero-direction"),
+        ({"file": "line.mrk.json", "T_con_file": STRETCHED}, "T_con_file", "not-rigid"),
+        ({"file": "line.mrk.json", "as_fiducials": True, "T_con_file": STILL}, "T_con_file", "one-of"),
+    ],
+)
+def test_what_no_target_can_be_read_from_is_refused(tmp_path: Path, file, field, code) -> None:
+    problem = problems_of(planned, tmp_path, file)[0]
+    assert (problem.pointer, problem.code) == (f"/target_files/0/{field}", code)
+
+
+def test_a_design_has_a_target_and_a_service_reads_no_file_of_them(tmp_path: Path) -> None:
+    (none,) = problems_of(load_design, DEMO | {"targets": []})
+    assert (none.pointer, none.code) == ("/targets", "too-short")
+    files = {"targets": [], "target_files": [{"file": "line.mrk.json"}]}
+    (unread,) = problems_of(load_design, DEMO | files, allow_files=False)
+    assert (unread.pointer, unread.code) == ("/target_files/0/file", "file-refused")
+    scene = {"targets": [], "target_files": [{"file": "line.mrk.json", "as_fiducials": True}]}
+    (alone,) = problems_of(load_design, DEMO | scene)
+    assert (alone.pointer, alone.code) == ("/target_files/0/as_fiducials", "unused-field")

@@ -885,6 +885,38 @@ class TargetDocument(Record):
         return self
 
 
+class TargetFile(Record):
+    """Targets in a file beside the design, of the formats of fiducial files."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="Its name, a relative path. Each of its points is a target, called by its label.",
+        examples=["plan/lesions.fcsv"],
+    )
+    line: Name | None = Field(
+        default=None,
+        description="The file is a line of that name: its last point is a target called so, its first one the target "
+        "through which an instrument comes there, called NAME entry.",
+        examples=["L4 left"],
+    )
+    T_con_file: Transform | None = Field(
+        default=None, description="Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."
+    )
+    as_fiducials: bool = Field(
+        default=False,
+        description="true: its points are in one scene with those of the fiducials' file, and are carried to con by "
+        "the same motion. Default false.",
+        examples=[True],
+    )
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> TargetFile:
+        if self.T_con_file is not None and self.as_fiducials:
+            raise refusal(
+                "one-of", "as_fiducials says where T_con_file comes from; both arrived", KEEP_ONE, "T_con_file"
+            )
+        return self
+
+
 class RigidBody(Record):
     """A rigid body that is known by targets: an implant or a bone by its markers."""
 
@@ -1083,7 +1115,7 @@ class DocumentTitle(Record):
         return self
 
 
-@with_sections("design", document=None, assumed=[], bodies=[])
+@with_sections("design", document=None, assumed=[], bodies=[], target_files=None)
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -1118,8 +1150,11 @@ class _Design(Record):
 class DesignDocument(_Design):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
-    targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
-        description="Where the tool has to go: named points or regions, in con."
+    targets: list[TargetDocument] = Field(
+        description="Where the tool has to go: named points or regions, in con; one or more with target_files."
+    )
+    target_files: Annotated[list[TargetFile], Field(min_length=1, max_length=200)] | None = Field(
+        default=None, description="More targets, in files beside the design. Absent: none."
     )
     bodies: list[RigidBody] = Field(
         default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
@@ -1134,6 +1169,17 @@ class DesignDocument(_Design):
         "its pointer off. No number depends on it. Default none.",
         examples=[["/interfaces", "/views/0/fiducial_noise_px"]],
     )
+
+    @model_validator(mode="after")
+    def _has_a_target(self) -> DesignDocument:
+        if not self.targets and self.target_files is None:
+            raise refusal("too-short", "needs at least 1 entry; got an empty list", "name a target", "targets")
+        if self.fiducials.file is None:
+            for index, each in enumerate(self.target_files or ()):
+                if each.as_fiducials:
+                    detail = "the fiducials are in con already, and came from no file"
+                    raise refusal("unused-field", detail, "state T_con_file here", f"target_files/{index}/as_fiducials")
+        return self
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

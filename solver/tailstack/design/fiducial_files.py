@@ -513,5 +513,5 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
             rows.append((label, xyz))
     kind, remarks = str(markup.get("type", "Fiducial"))[:40], []
     if kind != "Fiducial":
-        remarks.append(f"its type is {kind}, which is no list of points; its control points were read as fiducials")
+        remarks.append(f"its type is {kind}, which is no list of points; its control points were read as one")
     return FiducialTable(rows, unit, system, left_out=skipped, remarks=remarks)

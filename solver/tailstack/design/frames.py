@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..geometry.rotation import (
     transform_points,
 )
 from .consistency import check_entries
-from .document import Fiducials, NamedPoint, Pose
+from .document import Fiducials, NamedPoint, Pose, TargetDocument, TargetFile
 from .fiducial_files import FiducialList
 
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
@@ -32,16 +32,33 @@ ON_A_LINE = 1e-3  # of the spread of points: what they have across a line, below
 STRETCHED = 0.1  # by which two sets of points may differ in size before they are not the same
 
 
-def place_in_con(section: Fiducials, read: FiducialList) -> FiducialList:
-    """The fiducials of a file in con, with a remark that says how they came there.  Raises DesignError."""
+class FileMotion(NamedTuple):
+    """How the points of a file are carried to con."""
+
+    matrix: Array  # (4, 4) T_con_file
+    remarks: tuple[str, ...]  # what is to be known of it
+
+
+def motion_of(section: Fiducials | TargetFile, pointer: str, read: FiducialList) -> FileMotion | None:
+    """That of a file with these points, which the section at a pointer states; None: they are in con.
+
+    Raises DesignError."""
     remarks: list[str] = []
-    if section.registered_to is not None:
+    if isinstance(section, Fiducials) and section.registered_to is not None:
         matrix = _register(section.registered_to, read, remarks)
     elif section.T_con_file is not None:
-        matrix = compile_transform(section.T_con_file, "/fiducials/T_con_file", remarks)
+        matrix = compile_transform(section.T_con_file, f"{pointer}/T_con_file", remarks)
         remarks.append("its points were carried to con by T_con_file")
     else:
+        return None
+    return FileMotion(matrix, tuple(remarks))
+
+
+def carry(read: FiducialList, motion: FileMotion | None) -> FiducialList:
+    """The points of a file in con, with remarks that say how they came there."""
+    if motion is None:
         return read
+    matrix, remarks = motion
     moved = np.round(transform_points(matrix, np.array(read.positions_mm)), DECIMALS) + 0.0  # no negative zeros
     origin = read.origin
     if origin is not None:
@@ -77,6 +94,22 @@ def _register(wanted: Sequence[NamedPoint], read: FiducialList, remarks: list[st
         f"mean square, most at {wanted[worst].label}, {float(np.linalg.norm(left[worst])):.3g} mm"
     )
     return matrix
+
+
+def targets_of(section: TargetFile, pointer: str, read: FiducialList) -> list[TargetDocument]:
+    """The targets that points of a file in con stand for.  Raises DesignError."""
+    if section.line is None:
+        pairs = zip(read.labels, read.positions_mm, strict=True)
+        return [TargetDocument(name=label, position_mm=position) for label, position in pairs]
+    first, last = read.positions_mm[0], read.positions_mm[-1]
+    if first == last:
+        detail = f"a line has two ends; {section.file} holds {len(read.labels)} points, its first and last in one place"
+        raise DesignError(Problem(f"{pointer}/line", "zero-direction", detail, "leave line out for single points"))
+    entry = f"{section.line[:74]} entry"
+    return [
+        TargetDocument(name=section.line, position_mm=last, entry=entry),
+        TargetDocument(name=entry, position_mm=first),
+    ]
 
 
 def fit_motion(points: Array, onto: Array) -> tuple[Array, Array]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import SCHEMA_NAME, DesignDocument
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
-from .frames import FRAME_FIELDS, place_in_con
+from .frames import FRAME_FIELDS, FileMotion, carry, motion_of, targets_of
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
@@ -46,6 +47,7 @@ class Design:
     document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
     fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
     source: DocumentSource  # the plain data, which cannot be changed, and where it came from
+    notes_of_targets: tuple[str, ...] = ()  # what was done to those of files on the way, in words
     sha256: str = field(init=False)  # of the canonical content: defaults filled in, a file replaced by what it holds
 
     def __post_init__(self) -> None:
@@ -150,11 +152,14 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
         document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
+    reader, notes = _FileReader(source, allow_files, limits), tuple[str, ...]()
+    if document.target_files is not None:  # what they hold is judged with the rest of the document
+        document, notes = reader.with_targets_of_files(document)
     _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
-    fiducials = _fiducials(document, source, allow_files, limits)
+    fiducials, _ = reader.fiducials(document)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
     _freeze_lists(document)
-    return Design(document, fiducials, replace(source, data=freeze(data)))
+    return Design(document, fiducials, replace(source, data=freeze(data)), notes)
 
 
 def _check_schema_name(source: DocumentSource) -> None:
@@ -203,26 +208,58 @@ def _refuse_all(problems: list[Problem], source: DocumentSource, limits: Limits)
     raise DesignError(placed)
 
 
-def _fiducials(document: DesignDocument, source: DocumentSource, allow_files: bool, limits: Limits) -> FiducialList:
-    points = document.fiducials.points
-    if points is not None:
-        labels = tuple([point.label or f"F{number}" for number, point in enumerate(points, 1)])
-        return FiducialList(labels, tuple([point.position_mm for point in points]), document.fiducials.origin)
-    name = document.fiducials.file or ""
-    try:
-        path = _find_file(name, source, allow_files)
-        check_ending(name)
-        if not path.exists():
-            raise DesignError(_describe_missing(name, path, source))
-        read = read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
-    except (DesignError, LimitError) as error:
-        # the pointer says which field led there, file and line where in the fiducial file it is wrong
-        problems = [place(replace(problem, pointer="/fiducials/file"), source) for problem in error.problems]
-        raise type(error)(problems) from None
-    try:
-        return place_in_con(document.fiducials, read)
-    except DesignError as error:
-        raise DesignError([place(problem, source.with_places()) for problem in error.problems]) from None
+@dataclass(frozen=True, slots=True)
+class _FileReader:
+    """Reads the files that a document refers to."""
+
+    source: DocumentSource
+    allow_files: bool
+    limits: Limits
+
+    def read(self, name: str, pointer: str) -> FiducialList:
+        """The points of a file, as they stand there.  Raises DesignError, LimitError."""
+        try:
+            path = _find_file(name, self.source, self.allow_files)
+            check_ending(name)
+            if not path.exists():
+                raise DesignError(_describe_missing(name, path, self.source))
+            return read_fiducials(read_bytes(path, self.limits.fiducial_file_bytes, name), name, self.limits)
+        except (DesignError, LimitError) as error:
+            # the pointer says which field led there, file and line where in the file it is wrong
+            problems = [place(replace(problem, pointer=pointer), self.source) for problem in error.problems]
+            raise type(error)(problems) from None
+
+    def fiducials(self, document: DesignDocument) -> tuple[FiducialList, FileMotion | None]:
+        """In con, and how those of a file were carried there."""
+        stated = document.fiducials
+        if stated.points is not None:
+            labels = tuple([point.label or f"F{number}" for number, point in enumerate(stated.points, 1)])
+            return FiducialList(labels, tuple([point.position_mm for point in stated.points]), stated.origin), None
+        read = self.read(stated.file or "", "/fiducials/file")
+        with self._placing():
+            motion = motion_of(stated, "/fiducials", read)
+        return carry(read, motion), motion
+
+    def with_targets_of_files(self, document: DesignDocument) -> tuple[DesignDocument, tuple[str, ...]]:
+        """The document with targets in place of files of them, and what is to be known of these."""
+        _, shared = self.fiducials(document)
+        targets, notes = list(document.targets), list[str]()
+        for index, each in enumerate(document.target_files or ()):
+            pointer = f"/target_files/{index}"
+            read = self.read(each.file, f"{pointer}/file")
+            with self._placing():
+                read = carry(read, shared if each.as_fiducials else motion_of(each, pointer, read))
+                targets += targets_of(each, pointer, read)
+            notes += read.notes
+        return document.model_copy(update={"targets": targets, "target_files": None}), tuple(notes)
+
+    @contextmanager
+    def _placing(self) -> Iterator[None]:
+        try:
+            yield
+        except DesignError as error:
+            placed = self.source.with_places()
+            raise DesignError([place(problem, placed) for problem in error.problems]) from None
 
 
 def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
@@ -240,7 +277,7 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
     def refuse_file(detail: str, cure: str = "") -> DesignError:
         return DesignError(Problem("", "file-refused", detail, cure))
 
-    inline = "put the points inline (points:)"
+    inline = "put the points inline (points:, targets:)"
     if not allow_files:
         raise refuse_file(f"files are not read here; got {show(name)}", inline)
     if source.directory is None:
