@@ -169,3 +169,14 @@ def test_a_design_has_a_target_and_a_service_reads_no_file_of_them(tmp_path: Pat
     scene = {"targets": [], "target_files": [{"file": "line.mrk.json", "as_fiducials": True}]}
     (alone,) = problems_of(load_design, DEMO | scene)
     assert (alone.pointer, alone.code) == ("/target_files/0/as_fiducials", "unused-field")
+
+
+def test_as_it_was_written_a_design_names_its_files(tmp_path: Path) -> None:
+    found = planned(tmp_path, {"file": "line.mrk.json", "line": "L4", "as_fiducials": True})
+    written = design_to_data(found, inline=False)
+    assert (written["targets"], written["target_files"]) == (
+        [],
+        [{"file": "line.mrk.json", "line": "L4", "as_fiducials": True}],
+    )
+    assert load_design(written, base_directory=tmp_path).sha256 == found.sha256
+    assert found.files == ["beads.csv", "line.mrk.json"]

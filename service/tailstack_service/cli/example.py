@@ -55,11 +55,11 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def _write_design(source: Path, target: Path, *, force: bool) -> str:
-    """The design and the file of fiducials that it refers to."""
+    """The design and the files of fiducials and targets that it refers to."""
     from tailstack.design import load_design
 
     writable(str(target), (".yaml", ".yml"))
-    parts = [name] if (name := load_design(source).document.fiducials.file) else []
+    parts = load_design(source).files
     refuse_overwriting([target, *(target.parent / part for part in parts)], force=force)
     for part in parts:
         (target.parent / part).parent.mkdir(parents=True, exist_ok=True)

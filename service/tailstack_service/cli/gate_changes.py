@@ -33,9 +33,9 @@ def list_affected(changed: Sequence[str], judged_by: Iterable[str | None]) -> li
     places = {resolve(name) for name in changed}
     beside = {resolve(name) for name in judged_by if name is not None}
     known = dict(_list_designs(changed))
-    tables = {table for table in known.values() if table is not None}
+    tables = {table for named in known.values() for table in named}
     own = [name for name in changed if resolve(name) not in beside | tables and _may_be_design(name)]
-    return [*own, *(name for name, table in known.items() if table in places or places & beside)]
+    return [*own, *(name for name, named in known.items() if named & places or places & beside)]
 
 
 def _may_be_design(name: str) -> bool:
@@ -49,8 +49,8 @@ def _may_be_design(name: str) -> bool:
     return b"design" in kinds or not other
 
 
-def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
-    """The designs of the repository, as Git has them, each with the file of fiducials that it names."""
+def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, set[Path]]]:
+    """The designs of the repository, as Git has them, each with the files of fiducials and targets that it names."""
     root = (find_root(resolve(changed[0])) if changed else None) or Path.cwd()
     try:
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, check=True, timeout=60)
@@ -62,7 +62,8 @@ def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
             with suppress(TailstackError):  # what is damaged and was not changed is not this commit's
                 data = read_source(root / name).data
                 if isinstance(data, dict) and str(data.get("schema")).startswith("tailstack/design/"):
-                    fiducials = data.get("fiducials")
-                    file = fiducials.get("file") if isinstance(fiducials, dict) else None
-                    named = isinstance(file, str) and "\0" not in file
-                    yield str(root / name), resolve(str((root / name).parent / str(file))) if named else None
+                    targets = data.get("target_files")
+                    sections = [data.get("fiducials"), *(targets if isinstance(targets, list) else ())]
+                    files = [each.get("file") for each in sections if isinstance(each, dict)]
+                    named = [file for file in files if isinstance(file, str) and "\0" not in file]
+                    yield str(root / name), {resolve(str((root / name).parent / file)) for file in named}

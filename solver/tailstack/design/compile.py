@@ -71,7 +71,7 @@ def compile_design(design: Design) -> System:
 def _compile(design: Design) -> System:
     document = design.document
     fiducials = frozen(design.fiducials.positions_mm)
-    notes = [*design.fiducials.notes, *design.notes_of_targets]
+    notes = [*design.fiducials.notes, *(design.of_files.notes if design.of_files else ())]
     views = tuple(compile_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
     made = document.fiducials.manufacturing
     transforms = document.transforms

@@ -1150,6 +1150,10 @@ class _Design(Record):
 class DesignDocument(_Design):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"properties": {"targets": {"minItems": 1}}}, {"required": ["target_files"]}]}
+    )
+
     targets: list[TargetDocument] = Field(
         description="Where the tool has to go: named points or regions, in con; one or more with target_files."
     )

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
@@ -16,7 +16,7 @@ from ..errors import DesignError, LimitError, Problem
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument
+from .document import SCHEMA_NAME, DesignDocument, TargetFile
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
 from .frames import FRAME_FIELDS, FileMotion, carry, motion_of, targets_of
 from .pointers import find_places, pointer_of, replace_value, suggest
@@ -40,6 +40,14 @@ from .refusals import place, refuse
 from .refusals import pointer as write_pointer
 
 
+class TargetsOfFiles(NamedTuple):
+    """What a design says of targets that stand in files: they follow those that it states."""
+
+    stated: int  # so many before them
+    files: tuple[TargetFile, ...]
+    notes: tuple[str, ...]  # what was done to their numbers on the way, in words
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
     """A design as it was read: the checked document, its fiducials, where everything stands, its hash."""
@@ -47,11 +55,25 @@ class Design:
     document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
     fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
     source: DocumentSource  # the plain data, which cannot be changed, and where it came from
-    notes_of_targets: tuple[str, ...] = ()  # what was done to those of files on the way, in words
+    of_files: TargetsOfFiles | None = None  # of the targets, what stands in files
     sha256: str = field(init=False)  # of the canonical content: defaults filled in, a file replaced by what it holds
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sha256", sha256_of(self.document, self.fiducials))
+
+    @property
+    def files(self) -> list[str]:
+        """The files that it refers to, as it names them."""
+        own = self.document.fiducials.file
+        return [*([own] if own else ()), *(each.file for each in (self.of_files.files if self.of_files else ()))]
+
+    @property
+    def as_written(self) -> DesignDocument:
+        """The document with files of targets as its author named them, not what they hold."""
+        if self.of_files is None:
+            return self.document
+        stated = self.document.targets[: self.of_files.stated]
+        return self.document.model_copy(update={"targets": stated, "target_files": list(self.of_files.files)})
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
@@ -152,14 +174,14 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
         document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
-    reader, notes = _FileReader(source, allow_files, limits), tuple[str, ...]()
+    reader, of_files = _FileReader(source, allow_files, limits), None
     if document.target_files is not None:  # what they hold is judged with the rest of the document
-        document, notes = reader.with_targets_of_files(document)
+        document, of_files = reader.with_targets_of_files(document)
     _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
     fiducials, _ = reader.fiducials(document)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
     _freeze_lists(document)
-    return Design(document, fiducials, replace(source, data=freeze(data)), notes)
+    return Design(document, fiducials, replace(source, data=freeze(data)), of_files)
 
 
 def _check_schema_name(source: DocumentSource) -> None:
@@ -240,7 +262,7 @@ class _FileReader:
             motion = motion_of(stated, "/fiducials", read)
         return carry(read, motion), motion
 
-    def with_targets_of_files(self, document: DesignDocument) -> tuple[DesignDocument, tuple[str, ...]]:
+    def with_targets_of_files(self, document: DesignDocument) -> tuple[DesignDocument, TargetsOfFiles]:
         """The document with targets in place of files of them, and what is to be known of these."""
         _, shared = self.fiducials(document)
         targets, notes = list(document.targets), list[str]()
@@ -251,7 +273,8 @@ class _FileReader:
                 read = carry(read, shared if each.as_fiducials else motion_of(each, pointer, read))
                 targets += targets_of(each, pointer, read)
             notes += read.notes
-        return document.model_copy(update={"targets": targets, "target_files": None}), tuple(notes)
+        of_files = TargetsOfFiles(len(document.targets), tuple(document.target_files or ()), tuple(notes))
+        return document.model_copy(update={"targets": targets, "target_files": None}), of_files
 
     @contextmanager
     def _placing(self) -> Iterator[None]:

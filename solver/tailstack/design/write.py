@@ -28,10 +28,10 @@ from .reading import DEFAULT_LIMITS, Limits, hide_nothing, is_unseen, scalar
 def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
     """The document as plain data, with what its author set and nothing else.
 
-    ``inline`` replaces a fiducial file by its points (converted to con, mm) and their origin, so that the result stands
-    alone and says what was done to them.
+    ``inline`` replaces a fiducial file by its points (converted to con, mm) and their origin, and files of targets by
+    these, so that the result stands alone and says what was done to them.
     """
-    document = design.document
+    document = design.document if inline else design.as_written
     if inline and document.fiducials.file is not None:
         points = [
             FiducialPoint(label=label, position_mm=position)
