@@ -75,6 +75,46 @@ def test_a_compact_carrier_is_within_its_limit_by_what_is_known_of_the_c_arm_wha
     assert simulated.p95_interval_mm[0] < knowing.targets[0].p95_mm < simulated.p95_interval_mm[1]  # 95 %, one seed
 
 
+def test_the_hand_eye_calibration_is_known_best_where_its_plate_lay():
+    """closed form: t + w x r of a point at r, and what of it is left without the terms beside the diagonal."""
+    sources = compile_design(load_design(EXAMPLES / "hand_eye_covariance.yaml")).hand_eye.sources
+    spread = sources.direction * sources.std
+    covariance, arm = spread @ spread.T, np.array([0, 0, 250.0])
+    at_plate = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # w x r, column by column
+    np.testing.assert_allclose(np.sqrt(np.diag(at_plate @ covariance @ at_plate.T)), 0.105, rtol=2e-3)
+    alone = np.sqrt(np.diag(at_plate @ np.diag(np.diag(covariance)) @ at_plate.T))
+    assert alone[0] == pytest.approx(0.326, abs=5e-4)
+    std = np.sqrt(np.diag(covariance))
+    assert std[3] == pytest.approx(0.242, abs=5e-4)
+    coefficients = covariance / np.outer(std, std)
+    assert (coefficients[0, 4], coefficients[1, 3]) == pytest.approx((0.9, -0.9), abs=2e-3)
+
+
+def test_a_clip_that_is_mounted_anew_is_in_the_tail_of_a_unit_and_not_in_that_of_a_mounting():
+    """closed form: how often something is drawn changes no pooled number, and a mounting that is drawn with the unit is
+    the unit; the comment's numbers."""
+    design = load_design(EXAMPLES / "clip_on.yaml")
+    found = score(design)
+    plain = score(design.with_value("interfaces.structure_connector.drawn", "unit"))
+    assert found.targets[0].p95_mm == pytest.approx(plain.targets[0].p95_mm, rel=1e-12)
+    assert {each.status for each in found.verdict.checks} == {"pass"}
+    values = [each.value for each in found.verdict.checks[1:]]
+    assert values == pytest.approx([0.93, 0.90], abs=5e-3)
+    assert [each.value for each in plain.verdict.checks[1:]] == pytest.approx([values[1]] * 2, rel=1e-9)
+
+
+def test_a_shell_from_slicer_stands_in_con_with_what_its_printing_left():
+    """independent: the positions that were drawn up for it, by noise of 0.12 mm along each axis."""
+    design = load_design(EXAMPLES / "forearm_shell.yaml")
+    drawn = np.array([each.position_mm for each in design.document.fiducials.registered_to])
+    left = np.linalg.norm(np.array(design.fiducials.positions_mm) - drawn, axis=1)
+    notes = " ".join(score(design).provenance.notes)
+    assert f"{np.sqrt((left**2).mean()):.3g} mm are left" in notes
+    assert 0.05 < np.sqrt((left**2).mean()) < 0.3
+    ends = {each.name: each.position_mm for each in design.document.targets}
+    np.testing.assert_allclose([ends["radius entry"], ends["radius"]], [[14, 18, 30], [3, 2, 62]], atol=0.3)
+
+
 def test_the_field_of_the_theatre_is_as_large_as_its_comment_says():
     """closed form: mean square of x**i y**j over a square image, whose sides are 1/sqrt(2) half diagonals away."""
     system = compile_design(load_design(EXAMPLES / "gallery" / "operating_theatre.yaml"))
@@ -131,7 +171,7 @@ def test_rounding_is_taken_out_and_noted_each_time():
 
 def hash_of_all(design):
     """independent: Python's json of the whole document, and of the points."""
-    elsewhere = {"fiducials": {"points", "file"}}
+    elsewhere = {"fiducials": {"points", "file", "T_con_file", "registered_to"}}
     data = json.loads(design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere))
     content = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
     points = json.dumps([design.fiducials.labels, design.fiducials.positions_mm], ensure_ascii=False)
