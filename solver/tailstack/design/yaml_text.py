@@ -54,7 +54,7 @@ class _Editor:
             self.anchors[node.anchor] = new
         if isinstance(node.children, dict) and isinstance(old, dict) and isinstance(new, dict) and new:
             self._revise_mapping(node, old, new)
-        elif isinstance(node.children, list) and isinstance(old, list) and isinstance(new, list) and new:
+        elif isinstance(node.children, list) and isinstance(old, list) and isinstance(new, list) and old and new:
             self._revise_sequence(node, old, new)
         elif old != new:
             self._replace(node, new)
