@@ -77,7 +77,7 @@ def test_a_compact_carrier_is_within_its_limit_by_what_is_known_of_the_c_arm_wha
 
 def test_the_hand_eye_calibration_is_known_best_where_its_plate_lay():
     """closed form: t + w x r of a point at r, and what of it is left without the terms beside the diagonal."""
-    sources = compile_design(load_design(EXAMPLES / "hand_eye_covariance.yaml")).hand_eye.sources
+    sources = compile_design(load_design(EXAMPLES / "hand_eye_report.yaml")).hand_eye.sources
     spread = sources.direction * sources.std
     covariance, arm = spread @ spread.T, np.array([0, 0, 250.0])
     at_plate = np.hstack([np.cross(np.eye(3), arm).T, np.eye(3)])  # w x r, column by column
