@@ -111,7 +111,7 @@ def errors_of(
         found = np.linalg.svd(np.concatenate([up, down], axis=1))[2][:, -1].reshape(n, 3, 4)
         found = found / np.linalg.norm(found[:, 2, :3], axis=1)[:, None, None]
         aim = (aim - middle[:, 0]) / spread[:, 0]
-        rows.append(aim[:, :, None] * found[:, 2:] - found[:, :2])
+        rows.append(spread * (aim[:, :, None] * found[:, 2:] - found[:, :2]))  # px, so that views weigh alike
     point = np.linalg.svd(np.concatenate(rows, axis=1))[2][:, -1]
     located = point[:, None, :3] / point[:, None, 3:] * size
     tool = move("hand_eye", (0.0, 0.0, 0.0), move("connector_flange", FLANGE, located))
