@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -16,10 +16,10 @@ from .kernels.store import kernel
 from .laws import SUMS
 from .levels import Drawn
 from .propagation.linear import Block, ErrorModel
-from .system import Law
+from .system import Law, Requirement
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
-from .tail.declared import LinearLaw
+from .tail.declared import LinearLaw, law_summary
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
 NORMAL, BOUNDED = -1, -2  # beside the places in SUMS of those that have columns in a law
@@ -162,11 +162,28 @@ class ErrorLaw:
     total_covariance: Array  # (3, 3) mm^2, of all random sources
 
 
-def error_law(model: ErrorModel, error: str, quantile: float) -> ErrorLaw:
-    """The law of the error at the vertex of bounded components that has the largest quantile."""
+Value = Callable[[LinearLaw], float]  # of a law, in its unit
+
+
+def value_of(requirement: Requirement) -> Value | None:
+    """What of a law is limited; None where a quantile decides it."""
+    of_law = None if requirement.row.by_quantile else requirement.row.of_law
+    if of_law is None:
+        return None
+
+    def value(law: LinearLaw) -> float:
+        found = of_law(law_summary(law, requirement.quantile, requirement.limit))
+        assert found is not None  # there is a limit
+        return found
+
+    return value
+
+
+def error_law(model: ErrorModel, error: str, quantile: float, value: Value | None = None) -> ErrorLaw:
+    """The law of the error at the vertex of bounded components that has the largest quantile, or value."""
     columns = columns_of(model, error)
     law = law_of(model.bias_mm(error), columns)
-    worst = worst_case(model, error, quantile, law=law)
+    worst = worst_case(model, error, quantile, law=law, value=value)
     law = replace(law, mean=worst.mean_mm)
     return ErrorLaw(error, worst, columns, law, law.total_covariance)
 
@@ -177,8 +194,9 @@ def worst_case(
     quantile: float,
     without: frozenset[tuple[str, int]] = frozenset(),
     law: LinearLaw | None = None,
+    value: Value | None = None,
 ) -> WorstCase:
-    """Vertex of the box of bounded components with the largest quantile; ``without`` some of them.
+    """Vertex of the box of bounded components with the largest quantile, or value; ``without`` some of them.
 
     law: of the error at the bias, where it is there already.
     """
@@ -187,7 +205,7 @@ def worst_case(
     if not keys:
         return WorstCase(mean, {}, ())
     law = law_of(mean, columns_of(model, error)) if law is None else law
-    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
+    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile, value)
     names = []
     for (block, j), sign in zip(keys, vertex.signs, strict=True):
         unit, factor = unit_for_people(block.units[j])
@@ -196,7 +214,9 @@ def worst_case(
     return WorstCase(vertex.law.mean, signs, tuple(names))
 
 
-def worst_vertices(model: ErrorModel, error: str, quantile: float) -> tuple[dict[str, float], ...]:
+def worst_vertices(
+    model: ErrorModel, error: str, quantile: float, value: Value | None = None
+) -> tuple[dict[str, float], ...]:
     """The vertices that first order cannot tell from the worst one, the worst first: ends by "contributor.component".
 
     Components that first order says the error is blind to are left out.
@@ -206,13 +226,12 @@ def worst_vertices(model: ErrorModel, error: str, quantile: float) -> tuple[dict
         return ({},)
     columns = _bounded_columns(model, error, keys)
     law = law_of(model.bias_mm(error), columns_of(model, error))
-    worst = worst_vertex(law, columns, quantile)
+    worst = worst_vertex(law, columns, quantile, value)
     felt = [
         (k, f"{block.contributor}.{block.components[j]}") for k, (block, j) in enumerate(keys) if columns[:, k].any()
     ]
-    return tuple(
-        {name: float(signs[k]) for k, name in felt} for signs in indistinguishable(law, columns, quantile, worst.signs)
-    )
+    several = indistinguishable(law, columns, quantile, worst.signs, value)
+    return tuple({name: float(signs[k]) for k, name in felt} for signs in several)
 
 
 def mean_at(model: ErrorModel, error: str, vertex: Mapping[str, float]) -> Array:

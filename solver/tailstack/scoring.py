@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .budget import budget
-from .contributors import ErrorLaw, error_law, law_of
+from .contributors import ErrorLaw, error_law, law_of, value_of
 from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import OutOfRangeError
@@ -458,7 +458,9 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     The interval is that of errors which are by so much smaller or larger as first order may err.
     """
     p, limit, row, measure = requirement.quantile, requirement.limit, requirement.row, MEASURE[requirement.error]
-    law, shots = error.law_at(p).law, error.shots(p)
+    own = value_of(requirement)
+    at = error.law_at(p) if own is None else error_law(error.model, error.at.error, p, own)
+    law, shots = at.law, error.shots(p)
     assert row.of_law is not None  # or it would be a quantile
     value = row.of_law(law_summary(law, p, limit) if shots is None else shots.law.summary(p, limit))
     assert value is not None

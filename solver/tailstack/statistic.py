@@ -2,6 +2,7 @@
 
 Everything that judges asks the row; to add one is to add a row.  A value is read off a summary of the law to first
 order, and estimated from trials with an interval; what is a quantile of the pooled law, or is decided by one, says so.
+What is a weighted mean of quantiles says of which: the optimiser has its slopes from theirs.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ class LawNumbers(Protocol):
 
 
 Estimate = tuple[float, tuple[float, float]]  # a value and its interval
+Mixture = tuple[tuple[float, float], ...]  # quantiles, each with its weight
 
 
 class Trials(Protocol):
@@ -37,7 +39,7 @@ class Trials(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistic:
-    """A row; texts have {q} (100 * quantile), {rest} (100 - q), {n}, {beyond} with its unit, {of} and {error}."""
+    """A row; texts have {q} (100 * quantile), {rest} (100 - q), {n}, {beyond} with its unit, {of}, {error}, {shots}."""
 
     name: str  # in documents and records
     meaning: str  # one sentence without a full stop
@@ -51,6 +53,23 @@ class Statistic:
     of_trials: Callable[[Trials, float, float], Estimate] | None = None  # quantile, limit
     trusted_as: Callable[[float], float] = float  # the quantile whose calibration of first order is taken for it
     calibrated: bool = True  # whether there is one; otherwise a simulation decides
+    mixture: Callable[[float], Mixture] | None = None  # what quantiles it is the mean of; None: not for the optimiser
+    implies: str = ""  # what else holds where it keeps its limit; a text as the others
+    convex: bool = False  # whether it is convex in the half-widths, whatever the laws: weights that never fall with p
+
+
+NODES = 16  # of a mean over quantiles: to 1e-6 of it
+
+
+def from_quantile(start: float) -> Mixture:
+    """The mean of all quantiles from one on, by Gauss and Legendre's points in s: p = start + (1 - start) S(s) with
+    S(s) = s^3 (10 - 15 s + 6 s^2), which is flat at both ends, where a quantile has no slope."""
+    from numpy.polynomial.legendre import leggauss  # here: who only names statistics waits for no arrays
+
+    nodes, weights = leggauss(NODES)
+    s = (1 + nodes) / 2
+    levels = start + (1 - start) * s**3 * (10 - 15 * s + 6 * s**2)
+    return tuple(zip(levels.tolist(), (15 * weights * (s * (1 - s)) ** 2).tolist(), strict=True))
 
 
 STATISTICS = (
@@ -69,6 +88,8 @@ STATISTICS = (
         reads=(),
         of_law=lambda law: law.mean_norm_mm,
         of_trials=lambda trials, quantile, limit: trials.mean(),
+        mixture=lambda quantile: from_quantile(0.0),
+        convex=True,
     ),
     Statistic(
         name="cvar",
@@ -79,6 +100,9 @@ STATISTICS = (
         of_law=lambda law: law.cvar_mm,
         of_trials=lambda trials, quantile, limit: trials.cvar(quantile),
         trusted_as=lambda quantile: min(1 - (1 - quantile) / 5, HIGHEST),
+        mixture=from_quantile,
+        implies="P{q}, which is never above that mean, keeps it too",
+        convex=True,
     ),
     Statistic(
         name="probability",
@@ -96,7 +120,7 @@ STATISTICS = (
         name="max_of_n",
         meaning="the quantile of the largest error of n independent shots",
         headline="P{q}{of}, largest of {n} shots",
-        sentence="in {q} % of series of {n} {shots}, the largest value of {error} is at most",
+        sentence="in {q} % of series of {n} {own}, the largest value of {error} is at most",
         needs=("n",),
         by_quantile=True,
     ),
@@ -118,8 +142,8 @@ def pooled_quantile(quantile: float, limit_probability: float | None, n: int | N
 
 def write_text(text: str, quantile: float, n: int | None, beyond: str, *, error: str = "", shots: str = "shots") -> str:
     """A text of a row; quantile: that of one shot."""
-    percent = 100 * quantile ** (n or 1)
+    percent, own = 100 * quantile ** (n or 1), shots.removeprefix("their ")
     of = f" of {error}" if error else ""
     return text.format(
-        q=f"{percent:.6g}", rest=f"{100 - percent:.6g}", n=n, beyond=beyond, of=of, error=error, shots=shots
+        q=f"{percent:.6g}", rest=f"{100 - percent:.6g}", n=n, beyond=beyond, of=of, error=error, shots=shots, own=own
     )

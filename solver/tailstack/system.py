@@ -23,9 +23,9 @@ from .geometry.rotation import RotationForm
 from .laws import Law as Law
 from .laws import count_sigmas
 from .levels import Drawn, level_of
-from .measures import Metric, derived_of, metrics_of
+from .measures import MEASURE, Metric, derived_of, metrics_of
 from .measures.measure import MeasuredBody
-from .statistic import STATISTIC, Statistic
+from .statistic import STATISTIC, Mixture, Statistic, write_text
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -492,6 +492,25 @@ class Requirement:
     def is_quantile(self) -> bool:
         """Whether what is told is a quantile of the pooled law itself."""
         return self.row.of_law is None
+
+    @property
+    def mixture(self) -> Mixture:
+        """The quantiles, of one shot's error, that are limited, each with its weight; empty where it is of none."""
+        if self.row.by_quantile:
+            return ((self.quantile, 1.0),)
+        return () if self.row.mixture is None else self.row.mixture(self.quantile)
+
+    def name_value(self, of: str = "") -> str:
+        """What is limited, in words; ``of`` what, if that is named."""
+        beyond = f"{self.limit:g} {MEASURE[self.error].unit}"
+        return write_text(self.row.headline, self.quantile, self.n, beyond, error=of)
+
+    @property
+    def limit_text(self) -> str:
+        """What it must not exceed, with the unit."""
+        if self.limit_probability is not None:
+            return f"{self.limit_probability:g}"
+        return f"{self.limit:g} {MEASURE[self.error].unit}"
 
     @property
     def units_fraction(self) -> float | None:

@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from .contributors import WorstCase, declared_law, mean_at, worst_case, worst_vertices
+from .contributors import WorstCase, declared_law, mean_at, value_of, worst_case, worst_vertices
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
@@ -236,6 +236,9 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
         limited = {r.quantile for r in system.requirements if r.error == error and name in r.targets}
         quantiles = (P95, *sorted(limited - {P95}))
         ends = [end for quantile in quantiles for end in worst_vertices(model, error, quantile)]
+        for item in system.requirements:
+            own = value_of(item) if item.error == error and name in item.targets else None
+            ends += [] if own is None else worst_vertices(model, error, item.quantile, own)
         # Where the error is blind to a component, the TCP error's worst vertex serves: one run instead of two.
         elsewhere = worst.get((name, "tcp"), next(iter(worst.values()))).vertex(model)
         vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))

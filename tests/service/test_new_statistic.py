@@ -1,4 +1,4 @@
-"""A statistic is one row: whoever adds it meets it in document, score, simulation, gate and report."""
+"""A statistic is one row: whoever adds it meets it in document, score, simulation, optimiser, gate and report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ EXAMPLE = ROOT / "examples" / "mean_and_tail.yaml"
 ROW = """    Statistic(
         name="twice_mean", meaning="twice the mean", headline="twice the mean{of}",
         sentence="twice the mean of {error} is",
-        reads=(), of_law=lambda law: 2 * law.mean_norm_mm,
+        reads=(), of_law=lambda law: 2 * law.mean_norm_mm, convex=True,
+        mixture=lambda quantile: tuple((level, 2 * weight) for level, weight in from_quantile(0.0)),
         of_trials=lambda trials, quantile, limit: (
             2 * trials.mean()[0], tuple(2 * end for end in trials.mean()[1])
         ),
@@ -49,6 +50,12 @@ def test_a_row_is_met_everywhere(tmp_path: Path) -> None:
         assert sum(finding["rule"] == "statistic" for finding in judged) == 2
         tailstack(copy, tmp_path, "report", str(file), "-o", "report.html")
         assert "twice the mean" in (tmp_path / "report.html").read_text(encoding="utf-8")
+        free = {"rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5}}
+        write_document(file, asked({"statistic": "twice_mean", "limit_mm": 0.9}) | {"optimise": free})
+        answer = json.loads(tailstack(copy, tmp_path, "optimise", str(file), "--json"))
+        (check,) = answer["certificate"]["verification"]["verdict"]["checks"]
+        assert 0.99 * 0.9 < check["value"] < 0.9
+        assert answer["certificate"]["relaxation"]["gap_percent"] < 0.01
         write_document(file, asked({"statistic": "twice_mean", "quantile": 0.9}))
         assert "does not read quantile" in refusal(copy, tmp_path, "score", str(file))
 

@@ -33,7 +33,7 @@ from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, Reading
-from tailstack.tail.declared import law_quantile
+from tailstack.tail.declared import law_quantile, law_summary
 
 
 @pytest.mark.parametrize(("seed", "error"), [(1, "tcp"), (2, "localisation"), (3, "tcp")])
@@ -60,6 +60,11 @@ def _bounded(problem: PlacementProblem) -> PlacementProblem:
     return replace(problem, system=replace(problem.system, connector_flange=seat))
 
 
+def _limiting(problem: PlacementProblem, statistic: str) -> PlacementProblem:
+    """The same requirements on another statistic."""
+    return replace(problem, requirements=tuple(replace(each, statistic=statistic) for each in problem.requirements))
+
+
 NORMAL = {"manufacturing_law": Law.NORMAL}
 GRADIENTS = {
     "everything free": general_problem(1, **NORMAL),
@@ -74,6 +79,9 @@ GRADIENTS = {
     "bounded rotations": oracle_problem(6, law=Law.BOUNDED),
     "fixed bounded shifts": _bounded(oracle_problem(6)),
     "one common factor": replace(general_problem(4), objective="scaling"),
+    "a CVaR": _limiting(oracle_problem(6), "cvar"),
+    "a CVaR, bounded rotations": _limiting(oracle_problem(6, law=Law.BOUNDED), "cvar"),
+    "a mean, everything free": _limiting(general_problem(1, **NORMAL), "mean"),
 }  # fmt: skip
 
 
@@ -84,6 +92,8 @@ GRADIENTS = {
     "uniform manufacturing errors",
     "fixed bounded shifts",
     "one common factor",
+    "a CVaR, bounded rotations",
+    "a mean, everything free",
 )
 @pytest.mark.parametrize("name", GRADIENTS)
 def test_the_correction_makes_value_and_gradient_those_of_the_exact_law(name: str) -> None:
@@ -141,6 +151,7 @@ OPTIMA: dict[str, PlacementProblem] = {
     "layout, tolerances and a pivot": _free_of_rules(
         oracle_problem(6, 0.6, places=SMALL, pivots=(pivot_in("structure_connector", (-10, -10, -100), (10, 10, -80)),))
     ),
+    "the tail of layout and tolerances": _limiting(_free_of_rules(oracle_problem(6, 0.7, places=SMALL)), "cvar"),
     "two targets, mixed laws, locators": replace(
         general_problem(11), requirements=(requirement(3.2, targets=("t0", "t1")),), min_spacing_mm=0.0
     ),
@@ -189,13 +200,22 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
         signs = np.array(np.meshgrid(*[[1.0, -1.0]] * len(ends))).reshape(len(ends), -1).T if ends else np.zeros((1, 0))
         means = [model.bias_mm(error) + sum((s * end for s, end in zip(row, ends, strict=True)), np.zeros(3))
                  for row in signs]  # fmt: skip
-        worst = max(law_quantile(declared_law(model, error, mean)[0], 0.95).quantile_mm for mean in means)
+        laws = [declared_law(model, error, mean)[0] for mean in means]
+        if demand.requirement.statistic == "cvar":
+            worst = max(law_summary(law, 0.95).cvar_mm for law in laws)
+        else:
+            worst = max(law_quantile(law, 0.95).quantile_mm for law in laws)
         found.append(worst / demand.requirement.limit)
     return max(found)
 
 
 @pytest.mark.long(
-    "bounded", "layout and tolerances", "layout, tolerances and a pivot", "two targets, mixed laws, locators", "scaling"
+    "bounded",
+    "layout and tolerances",
+    "layout, tolerances and a pivot",
+    "two targets, mixed laws, locators",
+    "scaling",
+    "the tail of layout and tolerances",
 )
 @pytest.mark.parametrize("name", OPTIMA)
 def test_no_feasible_neighbour_of_an_optimum_is_better(name: str) -> None:

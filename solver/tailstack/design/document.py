@@ -1011,10 +1011,10 @@ class RequirementDocument(Record):
             raise refusal("unused-field", f"{self.error} is read over all shots together", "risk: pooled", "risk")
         if self.risk != "pooled" and self.min_yield is None:
             raise refusal("missing-field", f"risk: {self.risk} needs min_yield", "min_yield: 0.95")
-        if self.risk != "pooled" and self.statistic != "quantile":
+        if self.risk != "pooled" and STATISTIC[self.statistic].of_law is not None:
             each = self.risk.removeprefix("per_")
             detail = f"each {each} has a limit on its own quantile; the {self.statistic} is over all {each}s together"
-            raise refusal("unused-field", detail, "statistic: quantile, or risk: pooled", at="risk")
+            raise refusal("unused-field", detail, "statistic: quantile or max_of_n, or risk: pooled", at="risk")
         return self
 
     @model_validator(mode="after")

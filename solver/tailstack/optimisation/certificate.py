@@ -16,9 +16,10 @@ from ..results import Relaxation, ShadowPrice
 from ..results.digits import at_least, at_most
 from ..system import Law
 from .allocation import allocate, gaussian_bracket
-from .exact_law import error_moments, evaluate_demand
+from .exact_law import error_moments, evaluate_demand, width_slopes
 from .grades import Optimum
-from .prices import part_that_holds, slope_of
+from .placement import PlacementSolution
+from .prices import cheapest, part_that_holds, slope_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, unit_of
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
@@ -266,11 +267,15 @@ def _price_mechanics(program: Program, point: Point, objective: float, add: Add)
                 add(name, "mm", per_mm, f"moving the {name} out by {{step}} mm", 2 * half)
 
 
-def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
-    """The bound that goes with an optimum."""
+def bound_cost(search: Search, optimum: Optimum, exact: PlacementSolution | None) -> Relaxation:
+    """The bound that goes with an optimum; exact: the one by the exact law at the limits themselves."""
     problem = optimum.problem
     if optimum.purchase is not None:
         return optimum.purchase.bound
+    if exact is not None and problem.objective == "cost" and not problem.moves:
+        convex = [term for term in exact.program.terms if term.demand.is_convex]
+        if convex:
+            return _bound_convex(exact, optimum.cost)
     reason = _no_bound(search, problem)
     if reason is not None:
         return Relaxation("none", optimum.cost or None, None, None, reason)
@@ -289,6 +294,39 @@ def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
         f"with this layout no allocation costs less than {at_most(low, 6)} ({gap:.2g} % below this one): the optimum "
         "of a convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without "
         f"k it is always safe, and costs {at_least(high, 6)}",
+    )
+
+
+def _bound_convex(exact: PlacementSolution, cost: float) -> Relaxation:
+    """By the dual of the allocation, in which limits on quantiles are left out.
+
+    A mean M of |b + G h u| over all or over its tail is convex in the half-widths h whatever the law of u, as the norm
+    is, and both are monotone and convex; so it lies above its tangent, M(h) >= M + s (h - h*).  With prices mu >= 0 of
+    the limits L the least ``C(h) + mu (M + s (h - h*) - L)`` over the box is below every cost that keeps them, and a
+    sum over the half-widths, each made least by itself.
+    """
+    problem, widths, point = exact.problem, exact.choice.half_width, exact.iterate.point
+    charge, room, doubt = np.zeros(len(widths)), 0.0, 0.0
+    for term, multiplier in zip(exact.program.terms, point.row_multipliers, strict=False):
+        if term.demand.is_convex:
+            item = evaluate_demand(problem, term, exact.choice)
+            price = max(float(multiplier), 0.0) * exact.cost  # of the logarithm of the square
+            charge += price * width_slopes(problem, term, exact.choice, item) / widths
+            room += 2 * price * (item.limit / item.exact_mm - 1)
+            doubt += 2 * price * item.relative_error
+    each = zip(problem.half_widths, charge.tolist(), strict=True)
+    best = np.array([cheapest(free.price, pull, free.minimum, free.maximum) for free, pull in each])
+    bound = problem.cost(best) + float(charge @ (best - widths)) - room - doubt
+    gap = exact.cost / bound - 1
+    return Relaxation(
+        "convex allocation",
+        exact.cost,
+        bound,
+        100 * gap,
+        f"with this layout no allocation within the limits costs less than {at_most(bound, 6)} (duality gap "
+        f"{gap:.1e}): means of an error, over all shots or the worst of them, are convex in the half-widths whatever "
+        f"the laws, so that the optimum under the declared laws, {at_least(exact.cost, 6)}, is global; from there to "
+        f"{at_least(cost, 6)} is the margin of the check",
     )
 
 

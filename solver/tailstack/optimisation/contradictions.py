@@ -89,17 +89,18 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
 
 
 def _statistics(problem: PlacementProblem) -> list[Problem]:
-    """Requirements on what is no quantile."""
+    """Requirements on what is no mean of quantiles."""
     return [
         Problem(
             f"/requirements/{index}/statistic",
             "not-optimised",
             f"{item.name} limits the {item.statistic} of {MEASURE[item.error].words}: the search keeps limits of "
-            + ("quantiles" if problem.objective == "quantile" else "quantiles and probabilities"),
-            "ask for a quantile (or max_of_n) for the search, then score the result with it as it was",
+            "quantiles and of means of them" + (", the latter of a single vector" if item.mixture else ""),
+            "name others in optimise.requirement; the check of what is found judges this one too",
         )
         for index, item in enumerate(problem.system.requirements)
-        if not (item.row.by_quantile if problem.objective != "quantile" else item.is_quantile)
+        if item.name in [asked.name for asked in problem.requirements]
+        and (not item.mixture or (MEASURE[item.error].paired and not item.row.by_quantile))
     ]
 
 

@@ -1,5 +1,8 @@
 """The quantile that is limited: the exact law at a choice, and the correction that carries it into the programme.
 
+Where a mean of quantiles is limited (a mean, a CVaR), read that for the quantile: its value is the law's own, its
+slopes are the mean of theirs.
+
 The programme's constraint is smooth closed form + correction.  The correction is affine in what the quantile sees
 (what comes through the images, logarithms of half-widths, pivots) and is chosen at an iterate so that value
 *and* gradient are those of the exact law there.  Solved again until the iterate stands still, the programme's
@@ -12,20 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from math import log, sqrt
 
 import numpy as np
 from scipy.special import ndtri
 
-from ..contributors import WorstCase, columns_of, declared_law, law_of, worst_case
+from ..contributors import WorstCase, columns_of, declared_law, law_of, value_of, worst_case
 from ..geometry.arrays import Array
 from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
 from ..propagation.linear import ErrorModel
 from ..results.verdicts import P95
-from ..system import ArrayLike, Effect, Law, Place, System, Way
+from ..system import ArrayLike, Effect, Law, Place, Requirement, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
-from ..tail.declared import column_gradient, law_gradient, law_quantile
+from ..tail.declared import LawGradient, LinearLaw, column_gradient, law_gradient, law_quantile, law_quantiles
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, times
@@ -35,6 +39,7 @@ LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
 UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
 PIVOT_STEP_MM = 0.05  # of the exact quantile
+LEAST_LEVEL = 0.1  # of a quantile in the closed form, which knows nothing of a law's lower end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +48,7 @@ class Evaluation:
 
     exact_mm: float
     limit: float  # of its requirement
-    density: float  # of the error's norm there, 1/mm
+    density: float  # of the error's norm at the quantile, 1/mm
     relative_error: float  # numerical error of exact_mm, relative
     mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.at_ends``
@@ -113,15 +118,29 @@ class ExactQuantile:
 def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuantile:
     """Quantile of the declared law; nested, the required fraction of units' or mountings' own quantile (sampled)."""
     requirement = demand.requirement
-    worst = worst_case(model, requirement.error, requirement.quantile)
+    value = value_of(requirement)
+    worst = worst_case(model, requirement.error, requirement.quantile, value=value)
     if not demand.nested:
         law, _ = declared_law(model, requirement.error, worst.mean_mm)
         quantile = law_quantile(law, requirement.quantile)
-        return ExactQuantile(
-            quantile.quantile_mm, quantile.density, quantile.error_mm / max(quantile.quantile_mm, 1e-300), worst
-        )
+        error = quantile.error_mm / max(quantile.quantile_mm, 1e-300)
+        found = quantile.quantile_mm if value is None else value(law)
+        return ExactQuantile(found, quantile.density, error, worst)
     own = _unit_quantile(model, demand, worst.mean_mm)
     return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
+
+
+def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
+    """The standard error, mm, that one trial would leave in the mean of quantiles that is limited: of n trials, those
+    at p and q have the covariance ``(min(p, q) - p q) / (n f_p f_q)``; 0: nothing varies."""
+    requirement = demand.requirement
+    law, _ = declared_law(exact.model, requirement.error, exact.mean_mm)
+    levels, weights = np.array(requirement.mixture).T
+    density = np.array([each.density for each in law_quantiles(law, levels, requirement.quantile)])
+    if not density.all():
+        return 0.0
+    scaled = weights / density
+    return sqrt(float(scaled @ (np.minimum.outer(levels, levels) - np.outer(levels, levels)) @ scaled))
 
 
 def _unit_quantile(
@@ -174,10 +193,10 @@ def _what_is_seen(problem: PlacementProblem, choice: Choice, evaluation: Evaluat
 
 def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of log r^2 under the declared law; by differences along pivots, analytic otherwise."""
-    error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
-    law, where = declared_law(evaluation.model, error, evaluation.mean_mm)
-    quantile = law_quantile(law, p)
-    slopes = law_gradient(law, quantile)
+    requirement = terms.demand.requirement
+    law, where = declared_law(evaluation.model, requirement.error, evaluation.mean_mm)
+    columns = [where.get((source.contributor, source.index)) for source in terms.common]
+    slopes, by_column = _law_slopes(law, requirement, columns != [None] * len(columns))
     gains = terms.gains.at(pivot_shift_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
@@ -194,8 +213,6 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
             column = where.get((source.contributor, source.index))
             widths[source.free] += 0.0 if column is None else float(slopes.by_log_column[column])
 
-    columns = [where.get((source.contributor, source.index)) for source in terms.common]
-    by_column = None if columns == [None] * len(columns) else column_gradient(law, quantile)
     common = _by_common_gains(terms, evaluation, dict.fromkeys((True, False), slopes.by_covariance))
     if by_column is not None:
         for c, (source, column) in enumerate(zip(terms.common, columns, strict=True)):
@@ -203,6 +220,24 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
                 common[c] = source.half_width * by_column[:, column]
     images = ImageParts(slopes.by_covariance, slopes.by_covariance, slopes.by_mean, common)
     return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
+
+
+def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
+    """(K,) of the logarithm of a pooled quantile, squared, by the logarithm of each half-width."""
+    first = 15 + 3 * len(terms.common)
+    return _exact_gradient(problem, terms, choice, evaluation)[first : first + len(choice.half_width)]
+
+
+def _law_slopes(law: LinearLaw, requirement: Requirement, by_entries: bool) -> tuple[LawGradient, Array | None]:
+    """Derivatives of what is limited, and those (3, k) by each entry of the columns, if they are wanted and known."""
+    near, slopes, by_entry = requirement.quantile, [], []
+    levels, weights = zip(*requirement.mixture, strict=True)
+    for weight, quantile in zip(weights, law_quantiles(law, levels, near), strict=True):
+        slopes.append([weight * part for part in law_gradient(law, quantile, near=near)])
+        entries = column_gradient(law, quantile, near=near) if by_entries else None
+        by_entry += [] if entries is None else [weight * entries]
+    total = LawGradient(*(reduce(np.add, parts) for parts in zip(*slopes, strict=True)))
+    return total, reduce(np.add, by_entry) if len(by_entry) == len(levels) else None
 
 
 def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:
@@ -334,7 +369,7 @@ def p95_of(system: System, demands: Sequence[QuantileConstraint]) -> list[float]
     fiducials among them, where that is known.  Raises IllPosedError."""
     search, values = search_losses(system), []
     for demand in demands:
-        wanted = replace(demand.requirement, quantile=P95, risk="pooled", min_yield=None)
+        wanted = replace(demand.requirement, quantile=P95, risk="pooled", min_yield=None, statistic="quantile")
         if search is not None and demand.is_point:
             values.append(search.shots(demand.site.name, wanted.error, P95).value(P95))
         else:
@@ -416,7 +451,14 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
         once = (tuple(law.columns[True, each]) for each in SUMS)
         return unit_quantile_squared(p, demand.fraction, law.mean, law.unit, law.shot, *once)
     every = ((*law.columns[True, each], *law.columns[False, each]) for each in SUMS)
-    return pearson_square(*square_cumulants(law.mean, law.unit + law.shot, *every), float(ndtri(p)))
+    cumulants = square_cumulants(law.mean, law.unit + law.shot, *every)
+    if demand.requirement.row.by_quantile:
+        return pearson_square(*cumulants, float(ndtri(p)))
+    each = (
+        weight * pearson_square(*cumulants, float(ndtri(max(level, LEAST_LEVEL)))) ** 0.5
+        for level, weight in demand.requirement.mixture
+    )
+    return sum(each) ** 2
 
 
 def closed_form_mm(

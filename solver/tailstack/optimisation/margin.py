@@ -6,7 +6,7 @@ from math import sqrt
 from statistics import NormalDist
 
 from ..verification import UNITS
-from .exact_law import Evaluation
+from .exact_law import Evaluation, error_of_trial
 from .problem import QuantileConstraint
 
 # Trials of a check: 2^20 hold P95 within 0.13 %, and every bit of that interval is paid for in tolerance.  Fewer
@@ -32,4 +32,6 @@ def aim_of(exact: Evaluation, demand: QuantileConstraint, trials: int) -> float:
     requirement = demand.requirement
     p, n = (demand.fraction, UNITS) if demand.nested else (requirement.quantile, trials)
     z = NormalDist().inv_cdf((1 + requirement.confidence) / 2)
+    if not requirement.row.by_quantile:
+        return max(1 - MARGIN * z * error_of_trial(exact, demand) / (sqrt(n) * exact.exact_mm), 0.5)
     return max(1 - MARGIN * z * sqrt(p * (1 - p) / n) / (exact.density * exact.exact_mm), 0.5)

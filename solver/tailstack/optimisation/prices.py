@@ -83,6 +83,17 @@ def slope_of(price: Price, half_width: float) -> float:
     return float(-price.exponent * price.weight * half_width ** (-price.exponent - 1))
 
 
+def cheapest(price: Price, charge: float, low: float, high: float) -> float:
+    """The half-width in [low, high] with the least ``cost + charge h``, of a curve: both are convex in h."""
+    if charge <= 0:
+        return high
+    if price.curve == "exponential":
+        best = -price.scale * log(charge * price.scale / price.weight)
+    else:
+        best = (price.exponent * price.weight / charge) ** (1 / (price.exponent + 1))
+    return min(max(best, low), high)
+
+
 def log_smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
     """The logarithm of :func:`smooth_cost`, which is finite where the curve itself is too small for a number."""
     if price.curve == "exponential":

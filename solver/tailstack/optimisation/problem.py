@@ -89,13 +89,13 @@ class QuantileConstraint:
 
     @property
     def text(self) -> str:
-        of = "" if self.is_point else f" of {self.measure.words}"
         nested = f" of {100 * self.fraction:g} % of {self.level.plural}" if self.nested else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
         signs = "".join("+" if end > 0 else "-" for end in self.ends)
         at = f", bounded errors of images at {signs}" if signs else ""
         where = f", {self.place}" if self.place else ""
-        return f"P{100 * self.requirement.quantile:g}{of}{nested} at target {self.site.name!r}{where}{without}{at}"
+        what = name_held(self.requirement, "" if self.is_point else self.measure.words)
+        return f"{what}{nested} at target {self.site.name!r}{where}{without}{at}"
 
     @property
     def measure(self) -> Measure:
@@ -111,6 +111,11 @@ class QuantileConstraint:
     def limit_text(self) -> str:
         """With its unit."""
         return f"{self.requirement.limit:g} {self.measure.unit}"
+
+    @property
+    def is_convex(self) -> bool:
+        """Whether what is limited is convex in the half-widths, whatever the laws."""
+        return self.requirement.row.convex and not self.nested
 
     @property
     def nested(self) -> bool:
@@ -298,6 +303,12 @@ class PlacementProblem:
         if self.stay is None or not self.stay.cost_per_mm:
             return 0.0
         return self.stay.cost_per_mm * sum(float(np.linalg.norm(way)) for way in self.stay.ways(fiducials_mm))
+
+
+def name_held(requirement: Requirement, of: str) -> str:
+    """What the search holds a requirement by, in words; ``of`` what, if that is named: a share beyond a limit by the
+    quantile that it leaves."""
+    return (replace(requirement, statistic="quantile") if requirement.row.unit else requirement).name_value(of)
 
 
 def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstraint, ...]:

@@ -10,7 +10,6 @@ from ..design import Design, compile_design, design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..measures import MEASURE
 from ..results import (
     ERRORS,
     Certificate,
@@ -33,7 +32,7 @@ from .exact_law import p95_of
 from .explain import influence_of, remark_levers
 from .present import present_design, price_as_written, say_outside
 from .prices import cost_of
-from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, name_held, present_choice
 from .request import OptimiseRequest, read_request
 from .task import OptimisationTask
 from .terms import DemandTerms, pivot_shift_of, terms_of
@@ -96,7 +95,7 @@ def report(
             converged_starts=search.converged,
             best_costs=tuple(item.objective for item in search.optima),
             optima=search.optima,
-            relaxation=bound_cost(search, optimum),
+            relaxation=bound_cost(search, optimum, verified.exact),
             seed=task.seed,
             tightening_rounds=verified.rounds,
             stopped=search.stopped,
@@ -194,9 +193,9 @@ def find_p95_mm(design: Design) -> float | None:
 
 def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     limits = ", ".join(
-        f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
+        item.name_value(ERRORS[item.error])
         + (f" of each of {100 * item.min_yield:g} % of {item.level.plural}" if item.level and item.min_yield else "")
-        + f" within {item.limit:g} {MEASURE[item.error].unit}"
+        + f" within {item.limit_text}"
         for item in problem.requirements
     )
     if problem.survival is not None:
@@ -208,7 +207,7 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
         return f"largest common factor on {count} free half-widths with {limits}"
     if problem.objective == "quantile":
         spent = "" if problem.cost_limit is None else f" at a cost of at most {problem.cost_limit:g}"
-        wanted = ", ".join(f"P{100 * item.quantile:g} of {ERRORS[item.error]}" for item in problem.requirements)
+        wanted = ", ".join(name_held(item, ERRORS[item.error]) for item in problem.requirements)
         return f"least {wanted}{spent}"
     curves = {free.price.curve for free in problem.half_widths}
     if curves == {"grades"}:

@@ -11,6 +11,7 @@ from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..losses import without_fiducials
+from ..measures import MEASURE
 from ..results import Check, Relaxation, SurvivedLoss, Verification
 from ..results.digits import at_least
 from ..system import System
@@ -21,7 +22,7 @@ from .grades import Optimum, Purchase, settle_grades
 from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
 from .present import bring_inside, merit_of, present_design
-from .problem import PlacementProblem, Survival, present_choice, targets_of
+from .problem import Choice, PlacementProblem, Survival, present_choice, targets_of
 from .program import rename_fiducials
 from .request import OptimiseRequest, label_places, revise
 from .search import Control, Search
@@ -93,7 +94,9 @@ def tighten(
         if problem.objective == "quantile":
             raise _explain_miss(optimum, check.checks, problem)
         aims = np.minimum(aims, optimum.ratios)
-        aims = aims * np.array([_tightening(check.checks[term.demand.subject], attempt) for term in own.terms])
+        steps = [_tightening(check.checks[term.demand.subject], attempt) for term in own.terms]
+        steep = [_steepness(problem, term, optimum.choice) for term in search.terms]
+        aims = aims * np.array(steps) ** (1 / np.array(steep))
     failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
     raise NotConvergedError(
         Problem(
@@ -278,17 +281,28 @@ def _tightening(check: Check, attempt: int) -> float:
     return (check.limit / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value - 1))
 
 
+def _steepness(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> float:
+    """By what power of an error's size the value that a check judges falls: of a share beyond a limit by that of the
+    law's tail there, of an error by 1."""
+    requirement = terms.demand.requirement
+    if not requirement.row.unit:
+        return 1.0
+    exact = evaluate_demand(problem, terms, choice)
+    return max(exact.exact_mm * exact.density / (1 - requirement.quantile), 1.0)
+
+
 def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], problem: PlacementProblem) -> InfeasibleError:
     worst = max(checks.values(), key=lambda check: check.upper / check.limit)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
-    first, upper = max(optimum.ratios) * worst.limit, f"{at_least(worst.upper)} {worst.unit}"
+    upper = f"{at_least(worst.upper)} {worst.unit}"
+    first = max(optimum.ratios) * (worst.limit if worst.beyond is None else worst.beyond)
     return InfeasibleError(
         Problem(
             "/optimise",
             "limit-out-of-reach",
-            f"the smallest error found{within} is {first:.4g} {worst.unit} by estimate and at most {upper} by Monte "
-            f"Carlo at target {worst.target!r}, which is not within the limit of {worst.limit:g} {worst.unit} "
-            f"({worst.requirement})",
+            f"the smallest error found{within} is {first:.4g} {MEASURE[worst.error].unit} by estimate, and its "
+            f"{worst.headline} at most {upper} by Monte Carlo at target {worst.target!r}, which is not within the "
+            f"limit of {worst.limit:g} {worst.unit} ({worst.requirement})",
             f"raise the limit to {upper} or more, or "
             + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
         )

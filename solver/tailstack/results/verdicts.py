@@ -383,7 +383,8 @@ def _describe(check: Check) -> str:
     limit = f"the limit of {check.limit:g} {check.unit}"
     held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
     where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
-    units = ""
+    implied = check.write(STATISTIC[check.statistic].implies)
+    units = f"; {implied}" if implied and check.status == "pass" else ""
     if check.yield_fraction is not None:
         units = f"; {in_percent(check.yield_fraction, 1)} of {_plural(check.risk)} keep it"
     return (

@@ -12,6 +12,9 @@ There are 2^q vertices; with m = 0 opposite ones agree and half suffice.  Gaussi
 declared law has the word: at the best quantile r* so far every vertex must have P(|e| <= r*) >= p, and one that has not
 is solved for and replaces it, until none is left.
 
+A mean of |e|, over all or over its tail, is convex in c, whatever the law of xi: its maximum is at a vertex as well, if
+not always at the same one.  There the Gaussian ones leave the vertices that come near, of which the law has the word.
+
 *Which vertices first order cannot tell apart.*  With m = 0 opposite vertices agree exactly to first order, and only
 there: the full chain turns by finite angles, and one of the two is worse by some tenths of a per cent.  What is sampled
 with the full chain is therefore sampled at every vertex of :func:`indistinguishable`.
@@ -19,6 +22,7 @@ with the full chain is therefore sampled at every vertex of :func:`indistinguish
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +34,7 @@ from .gaussian import norm_quantiles, probability_iv
 from .sampling import sample
 
 MOST_BOUNDED = 12
+CLOSE = 0.1  # of the largest Gaussian value: vertices further below have been the worst of no law
 NEAR = 0.01  # of the quantile: what first order, at its best, claims to know
 MOST_TOGETHER = 4  # vertices that are told apart by sampling
 # Where a sampled law has more vertices than a few they are asked from one sample, good to the slack; the probability of
@@ -52,8 +57,10 @@ def _vertices(q: int, count: int) -> Array:
     return np.asarray(1.0 - 2.0 * (np.arange(count)[:, None] >> np.arange(q) & 1), dtype=np.float64)
 
 
-def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
-    """Largest p-quantile of |e| over ``law.mean + bounded @ s``, s in the box [-1, 1]^q.
+def worst_case(
+    law: LinearLaw, bounded: Array, p: float, value: Callable[[LinearLaw], float] | None = None
+) -> WorstVertex:
+    """Largest p-quantile of |e|, or value, over ``law.mean + bounded @ s``, s in the box [-1, 1]^q; value: convex.
 
     bounded: (3, q) mm, of two vectors (6, q), columns already multiplied by their half-widths, in the frame of the law;
     columns of zeros keep the sign +1.  Raises ValueError for a bad shape or p, LimitError for more than 12 columns that
@@ -77,9 +84,13 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     # The last sign stays +1 when opposite vertices are mirror images.
     signs = _vertices(q, 1 << (q - 1 if q and not law.mean.any() else q))
     means = law.mean + signs @ bounded[:, active].T
-    best = int(np.nanargmax(_rank(law, means, p))) if len(means) > 1 else 0
+    ranking = _rank(law, means, p, value) if len(means) > 1 else np.zeros(1)
+    best = int(np.nanargmax(ranking))
+    if value is not None and law.columns.any():
+        close = np.flatnonzero(ranking >= (1 - CLOSE) * ranking[best])
+        best = int(close[np.argmax([value(replace(law, mean=means[v])) for v in close])]) if len(close) > 1 else best
     quantile = law_quantile(replace(law, mean=means[best]), p)
-    if law.columns.any():
+    if law.columns.any() and value is None:
         solved = {best}
         while len(means) > 1:
             probability, slack = _probabilities(law, means, quantile, p)
@@ -96,17 +107,24 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     return WorstVertex(tuple(full.tolist()), replace(law, mean=means[best]), quantile, len(means))
 
 
-def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+def indistinguishable(
+    law: LinearLaw,
+    bounded: Array,
+    p: float,
+    worst: tuple[int, ...],
+    value: Callable[[LinearLaw], float] | None = None,
+) -> tuple[tuple[int, ...], ...]:
     """The worst vertex and the others that first order cannot tell from it: signs (q,) of each, the worst first.
 
-    Those are the vertices whose p-quantile (of the Gaussian law of equal covariance) is within 1 % of the worst one's
-    and whose mean is farther than 1 % of it from the means of those already taken: farthest first, at most four in all.
+    Those are the vertices whose p-quantile or value (of the Gaussian law of equal covariance) is within 1 % of the
+    worst one's and whose mean is farther than 1 % of it from the means of those already taken: farthest first, at most
+    four in all.
     Signs of columns of zeros stay as they are in ``worst``.  Arguments as of :func:`worst_case`, which found ``worst``.
     """
     active = np.flatnonzero((bounded != 0).any(axis=0))
     signs = _vertices(int(active.size), 1 << int(active.size))
     means = law.mean + signs @ bounded[:, active].T
-    ranking = _rank(law, means, p)
+    ranking = _rank(law, means, p, value)
     first = int(np.flatnonzero((signs == np.array(worst)[active]).all(axis=1))[0])
     near = np.flatnonzero(ranking >= (1 - NEAR) * ranking[first])
     taken = [first]
@@ -121,8 +139,12 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
     return tuple(tuple(row) for row in full.tolist())
 
 
-def _rank(law: LinearLaw, means: Array, p: float) -> Array:
-    """(n,) p-quantiles at means (n, 3) of the Gaussian law of equal covariance; of two vectors those of the longer."""
+def _rank(law: LinearLaw, means: Array, p: float, value: Callable[[LinearLaw], float] | None) -> Array:
+    """(n,) p-quantiles, or values, at means (n, 3) of the Gaussian law of equal covariance; of two vectors those of the
+    longer."""
+    if value is not None:
+        nothing = np.zeros((len(law.mean), 0)), np.zeros(0, dtype=np.int64)
+        return np.array([value(LinearLaw(mean, law.total_covariance, *nothing)) for mean in means])
     ends = zip(law.ends, np.split(means, len(law.ends), axis=1), strict=True)
     each = [norm_quantiles(p, np.ascontiguousarray(own), end.total_covariance) for end, own in ends]
     return np.asarray(np.max(each, axis=0))

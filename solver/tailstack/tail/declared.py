@@ -406,6 +406,12 @@ def law_quantile(law: LinearLaw, p: float, *, fine: bool = True) -> LawQuantile:
     return evaluation_of(law, p, fine).quantile(float(p))
 
 
+def law_quantiles(law: LinearLaw, levels: Sequence[float], near: float) -> list[LawQuantile]:
+    """The quantiles at several levels, to the absolute error of a probability that is fit for one of them."""
+    evaluation = evaluation_of(law, near)
+    return [evaluation.quantile(float(p)) for p in levels]
+
+
 def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     """P(|e| <= r), r >= 0 mm; absolute error about 1e-8 (sampled laws: 1e-4), not fine: 1e-4.  Raises ValueError."""
     if not r >= 0:
@@ -530,21 +536,22 @@ def law_mean(law: LinearLaw, p: float) -> float:
     return evaluation_of(law, p).excess(0.0)
 
 
-def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
-    """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser."""
+def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True, near: float | None = None) -> LawGradient:
+    """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser; near: of
+    :func:`law_quantiles`."""
     if total.density == 0.0:
         size = float(np.linalg.norm(law.mean))
         by_mean = law.mean / size if size > 0 else np.zeros(3)
         return LawGradient(by_mean, np.zeros((3, 3)), np.zeros(law.kinds.size))
-    return single_evaluation(law, total.p, fine).gradient(total)
+    return single_evaluation(law, near or total.p, fine).gradient(total)
 
 
-def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
+def column_gradient(law: LinearLaw, total: LawQuantile, *, near: float | None = None) -> Array | None:
     """(3, k) derivative of a quantile by each entry of the columns, mm per mm: along a column it is ``by_log_column``.
 
     None where the law has no lattice, and a derivative is not known as exactly as the quantile.
     """
-    return single_evaluation(law, total.p).column_gradient(total)
+    return single_evaluation(law, near or total.p).column_gradient(total)
 
 
 # --- kernels ---------------------------------------------------------------------------------------------------------
