@@ -21,6 +21,7 @@ from .kernels.sources import digest_of_package
 from .levels import Drawn
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
+from .measures.measure import Site
 from .propagation.linear import (
     ErrorModel,
     LinearModel,
@@ -51,6 +52,7 @@ from .results import (
     Vector3,
     ViewCheck,
 )
+from .results.quality import ppk_of
 from .results.verdicts import BREACHES_MM, MISSED, P95, Breach
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
@@ -117,7 +119,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(_score_measure(metrics[each.key], each.site.corridor_mm) for each in system.derived_metrics),
+        measures=tuple(_score_measure(metrics[metric.key], metric.site) for metric in system.derived_metrics),
     )
 
 
@@ -307,21 +309,23 @@ def _score_error(system: System, model: ErrorModel, error: str, search: LossSear
     return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 
 
-def _score_measure(error: ErrorScore, corridor_mm: float | None) -> MeasureResult:
-    measure, summary = MEASURE[error.at.error], error.summary
+def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
+    measure, summary, (mean, total) = MEASURE[error.at.error], error.summary, error.moments
+    limited = site.is_scalar and error.limit is not None
     return MeasureResult(
         measure=measure.name,
         site=error.model.site,
         words=measure.words,
         unit=measure.unit,
-        known=float(np.linalg.norm(error.moments[0].reshape(-1, 3), axis=1).max()),
+        known=float(np.linalg.norm(mean.reshape(-1, 3), axis=1).max()),
         mean=summary.mean_norm_mm,
         p95=summary.quantile.quantile_mm,
         p95_interval=None,
         cvar95=summary.cvar_mm,
         limit=error.limit,
         exceedance_probability=summary.exceedance,
-        breaches=() if corridor_mm is None else _score_breaches(error.at.law, corridor_mm),
+        breaches=() if site.corridor_mm is None else _score_breaches(error.at.law, site.corridor_mm),
+        ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0]))) if limited else None,
     )
 
 

@@ -64,6 +64,7 @@ from .results import (
     Verification,
 )
 from .results.digits import RESOLUTION_MM
+from .results.quality import ppk_of
 from .results.verdicts import BREACHES_MM, P95, Breach
 from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
@@ -764,6 +765,9 @@ def _estimate_measure(ready: PreparedDesign, sampled: SampledDesign, metric: Met
         limit=None if found.exceedance is None else found.exceedance.limit_mm,
         exceedance_probability=None if found.exceedance is None else found.exceedance.probability,
         breaches=() if metric.site.corridor_mm is None else _count_breaches(ready, sampled, metric),
+        ppk=ppk_of(found.exceedance.limit_mm, found.bias_mm[0], found.std_mm[0])
+        if metric.site.is_scalar and found.exceedance is not None
+        else None,
     )
 
 

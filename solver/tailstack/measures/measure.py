@@ -70,6 +70,11 @@ class Site:
     """Where the above is no more than first order: e (3, n) of n trials, from their errors by target (6, n)."""
     corridor_mm: float | None = None  # beyond which, and by so much more, breaches are counted
 
+    @property
+    def is_scalar(self) -> bool:
+        """Whether e is one number, with its sign."""
+        return not any(rows[1:].any() for rows in self.weights.values())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measure:

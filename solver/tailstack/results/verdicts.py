@@ -166,6 +166,10 @@ class MeasureResult:
     """Probability that it is beyond `limit`; null without a limit."""
     breaches: tuple[Breach, ...] = ()
     """Of a trajectory in a corridor."""
+    ppk: float | None = None
+    """Process performance index (limit - |mean|) / (3 std), of one number with its sign; null of a vector, or without a
+    limit. It stands beside the probability and decides nothing.
+    """
 
 
 MISSED = "missed fiducials included"  # of what is over all shots of a design that says how often they are missed

@@ -121,7 +121,7 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
     if report.verification is not None:
         blocks.append(estimates_table(report.verification))
     units = units_sentence(report.score.worst_target, report.score.decimals)
-    measures = measures_blocks(report.score.measures if report.verification is None else report.verification.measures)
+    measures = measures_blocks(report.verification or report.score)
     return (*blocks, targets_table(report.score), *measures, Paragraph(units))
 
 

@@ -8,9 +8,10 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, MeasureResult, Score, TargetEstimate, TargetScore
+from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore, Verification
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
+from tailstack.results.quality import quality_table
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
 from tailstack.results.verdicts import (
@@ -268,17 +269,20 @@ def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate])
     return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
 
 
-def measures_blocks(measures: Sequence[MeasureResult]) -> tuple[Block, ...]:
-    """Measures that join several targets, if there are any, and what leaves its corridor."""
+def measures_blocks(found: Score | Verification) -> tuple[Block, ...]:
+    """Measures of other errors than those at the targets, if there are any, what leaves its corridor, and quality
+    figures of what has a limit."""
+    measures, quality = found.measures, quality_table(found.targets, found.measures)
     breaches = (breaches_table(measures),) if any(measure.breaches for measure in measures) else ()
-    return (measures_table(measures), *breaches) if measures else ()
+    told = () if quality is None else (group(quality, on=IN_DETAIL),)
+    return (*((measures_table(measures),) if measures else ()), *breaches, *told)
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
     views = (views_table(score.views),) if score.views else ()
     return (
         group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
-        *measures_blocks(score.measures),
+        *measures_blocks(score),
         group(Paragraph(units_sentence(score.worst_target, score.decimals)), on=PAPER),
         group(*verdict_blocks(score.verdict), on=PAPER),
         group(*views, on=IN_DETAIL),

@@ -66,7 +66,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 "Error and requirements",
                 (
                     group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
-                    *measures_blocks(check.measures),
+                    *measures_blocks(check),
                     group(*verdict_blocks(check.verdict), *figures, on=PAPER),
                     group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
                 ),
