@@ -131,8 +131,8 @@ def hold_to_samples(name: str, log2_count: int) -> None:
     fixed, moved = samples_of(problem, exact, log2_count)
     here = exact.choice.half_width
     sampled = cvar_of(np.linalg.norm(fixed + moved @ here, axis=1))
-    assert exact.ratios[0] == pytest.approx(1, abs=1e-5)
-    assert sampled == pytest.approx(only.limit, rel=4 * 0.7 / 2 ** (log2_count / 2))
+    assert exact.ratios[0] > 1 - 1e-5 or (here > problem.upper * (1 - 1e-6)).all()
+    assert sampled == pytest.approx(exact.ratios[0] * only.limit, rel=4 * 0.7 / 2 ** (log2_count / 2))
     half_width, cost = solve_on_samples(problem, fixed, moved, here, sampled)
     assert cost == pytest.approx(exact.cost, rel=1e-4)
     np.testing.assert_allclose(half_width, here, rtol=0.03)
@@ -145,7 +145,7 @@ def test_an_allocation_is_that_of_rockafellar_and_uryasev() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", SHIPPED)
 def test_allocations_of_shipped_designs_are_those_of_rockafellar_and_uryasev(name: str) -> None:
-    hold_to_samples(name, 14)
+    hold_to_samples(name, 17)
 
 
 @pytest.mark.long
