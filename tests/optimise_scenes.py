@@ -170,7 +170,7 @@ def score_mm(problem: PlacementProblem, choice: Choice) -> list[float]:
     scored = score(replace(apply_choice(problem, choice), requirements=problem.requirements))
     found = []
     for demand in problem.demands:
-        (check,) = [c for c in scored.verdict.checks if (c.requirement, c.target) == demand.key]
+        (check,) = [c for c in scored.verdict.checks if (c.requirement, c.target) == demand.subject]
         found.append(float(check.value))
     return found
 
