@@ -102,7 +102,8 @@ class Subject:
     @cached_property
     def table(self) -> dict[str, Any]:
         """Compiled, and in full where a pair stands for it: of what is asked of the one, no row is in full."""
-        at, columns = self.data["fiducials"]["points"][0]["position_mm"][0], {}
+        at = self.data["fiducials"]["points"][0]["position_mm"][0]
+        columns: dict[str, Any] = {}
         for paired, way in ((False, "compiled"), (True, "in full")):
             asked = [each for each in self.data["requirements"] if MEASURE[each["error"]].paired == paired]
             design = load_design({**self.data, "requirements": asked, "optimise": None})

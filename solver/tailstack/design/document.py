@@ -1151,7 +1151,12 @@ class DesignDocument(_Design):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
     model_config = ConfigDict(
-        json_schema_extra={"anyOf": [{"properties": {"targets": {"minItems": 1}}}, {"required": ["target_files"]}]}
+        json_schema_extra={
+            "anyOf": [
+                {"properties": {"targets": {"minItems": 1, "description": "One or more without target_files."}}},
+                {"required": ["target_files"]},
+            ]
+        }
     )
 
     targets: list[TargetDocument] = Field(
