@@ -99,7 +99,7 @@ def _list_lines(
             if contribution:
                 yield _LiveLine(*named, "", None, contribution)
             continue
-        slope, curvature = value**2 / target.budget_p95_mm * (line.dp95_per_unit or 0.0) / width, 0.0
+        slope, curvature = value**2 / target.budget_p95_mm * line.slope / width, 0.0
         own = known.get((line.name, line.component))
         at_limit = None if own is None else own.at_limit
         if limit is not None and at_limit is not None and at_limit != width:

@@ -31,5 +31,5 @@ export const GLOSSARY: Record<string, string> = {
   limit: "the number, a length in mm unless a measure has another unit, that a quantile is to stay within.",
   verdict: "pass, fail or inconclusive, over all requirements together; inconclusive is too close to say.",
   verification: "the Monte Carlo answer, on the full nonlinear chain with the estimator itself.",
-  exceedance: "the probability that the error's norm is beyond a limit.",
+  exceedance: "the probability that the error's norm is beyond a limit; dppm is that per million, the sigma level where a normal number would have as much beyond its limit on one side (no shift of 1.5).",
 };

@@ -49,6 +49,7 @@ from .document import (
     Interface,
     RequirementDocument,
 )
+from .fiducial_files import list_notes
 from .frames import compile_transform
 from .loading import Design
 from .meanings import WrittenPoints, explain_places
@@ -71,7 +72,9 @@ def compile_design(design: Design) -> System:
 def _compile(design: Design) -> System:
     document = design.document
     fiducials = frozen(design.fiducials.positions_mm)
-    notes = [*design.fiducials.notes, *(design.of_files.notes if design.of_files else ())]
+    notes = [*design.fiducials.notes]
+    for origin in document.target_origins or ():
+        notes += list_notes(origin)
     views = tuple(compile_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
     made = document.fiducials.manufacturing
     transforms = document.transforms

@@ -931,7 +931,7 @@ class RigidBody(Record):
     )
 
 
-RequirementId = Annotated[str, Field(max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:/#+-]*$")]
+RequirementId = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:/#+-]*$")]
 
 
 class RequirementDocument(Record):
@@ -1115,7 +1115,7 @@ class DocumentTitle(Record):
         return self
 
 
-@with_sections("design", document=None, assumed=[], bodies=[], target_files=None)
+@with_sections("design", document=None, assumed=[], bodies=[], target_files=None, target_origins=None)
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -1165,6 +1165,11 @@ class DesignDocument(_Design):
     target_files: Annotated[list[TargetFile], Field(min_length=1, max_length=200)] | None = Field(
         default=None, description="More targets, in files beside the design. Absent: none."
     )
+    target_origins: list[FiducialOrigin] | None = Field(
+        default=None,
+        description="Only with targets that were read from files: which, and what was done to their points. "
+        "Results note it; it changes no number, nor the hash of the design.",
+    )
     bodies: list[RigidBody] = Field(
         default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
     )
@@ -1181,6 +1186,9 @@ class DesignDocument(_Design):
 
     @model_validator(mode="after")
     def _has_a_target(self) -> DesignDocument:
+        if self.target_files is not None and self.target_origins is not None:
+            words = "target_origins belongs to targets that were read from files; here the files themselves are named"
+            raise refusal("unused-field", words, "remove target_origins", "target_origins")
         if not self.targets and self.target_files is None:
             raise refusal("too-short", "needs at least 1 entry; got an empty list", "name a target", "targets")
         if self.fiducials.file is None:

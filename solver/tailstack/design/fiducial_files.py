@@ -76,10 +76,10 @@ class FiducialList:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was done to the numbers on the way, in words."""
-        return () if self.origin is None else tuple(_notes(self.origin))
+        return () if self.origin is None else tuple(list_notes(self.origin))
 
 
-def _notes(origin: FiducialOrigin) -> Iterator[str]:
+def list_notes(origin: FiducialOrigin) -> Iterator[str]:
     name = origin.file
     if left_out := origin.describe_left_out():
         yield left_out

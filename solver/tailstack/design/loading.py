@@ -45,7 +45,6 @@ class TargetsOfFiles(NamedTuple):
 
     stated: int  # so many before them
     files: tuple[TargetFile, ...]
-    notes: tuple[str, ...]  # what was done to their numbers on the way, in words
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +72,8 @@ class Design:
         if self.of_files is None:
             return self.document
         stated = self.document.targets[: self.of_files.stated]
-        return self.document.model_copy(update={"targets": stated, "target_files": list(self.of_files.files)})
+        files = list(self.of_files.files)
+        return self.document.model_copy(update={"targets": stated, "target_files": files, "target_origins": None})
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
@@ -265,16 +265,17 @@ class _FileReader:
     def with_targets_of_files(self, document: DesignDocument) -> tuple[DesignDocument, TargetsOfFiles]:
         """The document with targets in place of files of them, and what is to be known of these."""
         _, shared = self.fiducials(document)
-        targets, notes = list(document.targets), list[str]()
+        targets, origins = list(document.targets), []
         for index, each in enumerate(document.target_files or ()):
             pointer = f"/target_files/{index}"
             read = self.read(each.file, f"{pointer}/file")
             with self._placing():
                 read = carry(read, shared if each.as_fiducials else motion_of(each, pointer, read))
                 targets += targets_of(each, pointer, read)
-            notes += read.notes
-        of_files = TargetsOfFiles(len(document.targets), tuple(document.target_files or ()), tuple(notes))
-        return document.model_copy(update={"targets": targets, "target_files": None}), of_files
+            origins.append(read.origin)
+        of_files = TargetsOfFiles(len(document.targets), tuple(document.target_files or ()))
+        holding = {"targets": targets, "target_files": None, "target_origins": origins}
+        return document.model_copy(update=holding), of_files
 
     @contextmanager
     def _placing(self) -> Iterator[None]:
@@ -319,7 +320,7 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
 
 
 # the points are hashed apart, in con, wherever they were read
-_ELSEWHERE = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}}
+_ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True}
 
 
 def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:

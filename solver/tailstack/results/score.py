@@ -67,6 +67,11 @@ class Contributor:
     and execution, which have none.
     """
 
+    @property
+    def slope(self) -> float:
+        """That of P95 by the half-width, mm per ``unit``; 0 where there is none."""
+        return self.dp95_per_unit or 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class PerUnit:
