@@ -324,11 +324,16 @@ def test_one_half_width_changes_one_line_and_its_comment_stays(path):
     text = path.read_text(encoding="utf-8")
     old = design_to_data(load_design(path), inline=False)
     new = copy.deepcopy(old)
-    mount = new["interfaces"]["connector_flange" if "connector_flange" in new["interfaces"] else "structure_connector"]
-    mount["tolerances"]["rx"]["half_width_deg"] = 0.1237
+    if mounts := new.get("interfaces"):
+        mount = mounts["connector_flange" if "connector_flange" in mounts else "structure_connector"]
+        mount["tolerances"]["rx"]["half_width_deg"] = 0.1237
+        begins = "rx: { half_width_deg: 0.1237, distribution:"
+    else:  # a cage that no robot carries
+        new["fiducials"]["manufacturing"]["half_width_mm"] = 0.1237
+        begins = "manufacturing: { half_width_mm: 0.1237, distribution:"
     made = revise_yaml(text, old, new)
     (line,) = changed_lines(text, made)
-    assert line.startswith("rx: { half_width_deg: 0.1237, distribution:")
+    assert line.startswith(begins)
     assert text.count("#") == made.count("#")
     assert design_to_data(load_design(made, base_directory=EXAMPLES), inline=False) == new
 

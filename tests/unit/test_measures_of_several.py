@@ -111,7 +111,7 @@ def test_an_error_along_an_axis_has_the_law_of_one_component() -> None:
 
 def test_a_distance_knows_what_its_ends_have_in_common() -> None:
     """independent: the points of 20,000 trials; the estimate within 2 %, and the interval of 95 % widened to 99.9 %.
-    With errors that are independent at both ends it would be larger by a factor of four."""
+    With errors that are independent at both ends it would be larger by more than half."""
     design = load_design(asking("point_to_point", (15.0, -5.0, 40.0)))
     first, drawn, system = score(design), verify(design, trials=20_000, seed=5), compile_design(design)
     (estimate,), (check,) = first.measures, drawn.measures
