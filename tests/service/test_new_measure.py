@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -399,7 +400,7 @@ def test_what_judges_and_reports_names_it(copy: subprocess.Popen[str], tmp_path:
     for command in ("score", "verify"):
         drawn = ("--trials", "20000", "--seed", "1") if command == "verify" else ()
         text = " ".join(tailstack(copy, tmp_path, command, file, *drawn, codes=(0, 1, 4)).split())
-        assert "the angle tip to deg" in text
+        assert re.search(r"the angle of .{0,20}tip to .{0,20}deg", text)
     gate = json.loads(tailstack(copy, tmp_path, "gate", file, "--format", "json"))
     assert gate["verdict"] == "fail"
     tailstack(copy, tmp_path, "report", file, "--parts", "score", "--format", "html", "-o", "out", codes=(0, 1, 4))
