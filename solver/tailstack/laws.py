@@ -5,6 +5,7 @@ To add one: its member and its row (docs/adding/estimator.md).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -62,3 +63,13 @@ def find_size(law: Law, probability: Array) -> Array:
     wide, narrow = PARTS[law]
     felt = probability * wide <= narrow
     return np.where(felt, 1 - np.sqrt(4 * wide * narrow * probability), wide * (1 - probability))
+
+
+def shape_deviates(u: Array, kinds: Sequence[int] | NDArray[np.int64]) -> Array:
+    """Deviates (n, K) of laws that are sums, by their places in SUMS (K,), of uniform ones on (-1, 1); half-widths."""
+    import numpy as np
+
+    for kind in {int(each) for each in kinds}:
+        if PARTS[SUMS[kind]][1] > 0:  # of one part alone they are what they were
+            u = np.where(np.asarray(kinds) == kind, np.sign(u) * find_size(SUMS[kind], 1.0 - np.abs(u)), u)
+    return u

@@ -333,7 +333,8 @@ def _score_breaches(law: LinearLaw, corridor_mm: float) -> tuple[Breach, ...]:
     """Each with the interval of 95 % that its sampling leaves."""
     pair, found = PairLaw(law, P95, fine=True), []
     for beyond_mm in BREACHES_MM:
-        value, half = pair.exceedance(corridor_mm + beyond_mm), T_15 * pair.added(corridor_mm + beyond_mm)[1]
+        value, error = pair.exceedance_with_error(corridor_mm + beyond_mm)
+        half = T_15 * error
         found.append(Breach(beyond_mm, value, (max(value - half, 0.0), min(value + half, 1.0))))
     return tuple(found)
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_correlation import document_of, errors_of, normal, pair, random_covariance, turns
+from test_correlation import check_moments, document_of, errors_of, normal, pair, random_covariance, turns
 
 from plain_data import DEMO, problems_of
-from tailstack import load_design, score, verify
+from tailstack import load_design, score
 from tailstack.geometry.arrays import Array
 
 LABELS = [f"F{k}" for k in range(1, 11)]
@@ -52,19 +52,13 @@ def made_by_hand(document: dict[str, Any], covariances: list[Array], n: int, rng
 def compare(seed: int, n: int) -> None:
     """First order and simulation against beads that are made, imaged and resected here.
 
-    As of ``test_correlation.compare``, which has the error rates: the one in 10^4, the other in 10^5.
+    As of ``check_moments``, which has the error rates: the one in 10^4, the other in 10^5.
     """
     rng = np.random.default_rng([5901, seed])
     document, covariances = clamped(rng)
     still = dict.fromkeys(("structure_connector", "connector_flange", "hand_eye"), np.eye(6) * 1e-8)
     errors = errors_of(document, still, n, rng, made_by_hand(document, covariances, n, rng))
-    design = load_design(document)
-    told = np.array(score(design, losses=False).targets[0].covariance_mm2)
-    seen = np.cov(errors.T)
-    chance = np.sqrt((np.trace(told) ** 2 + np.trace(told @ told)) / n)
-    assert np.linalg.norm(seen - told) <= 3 * chance + 0.005 * np.linalg.norm(told)
-    simulated = np.array(verify(design, trials=n, seed=seed).targets[0].std_mm)
-    assert np.abs(simulated / np.sqrt(np.diag(seen)) - 1).max() <= 4.5 / np.sqrt(n)
+    check_moments(document, errors, seed, left_out=0.005)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -35,12 +35,13 @@ from tailstack.contributors import error_law
 from tailstack.design import compile_design
 from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine
+from tailstack.laws import SUMS
 from tailstack.losses import LossSearch, Shots
 from tailstack.propagation.linear import chain_of, linearise, linearise_all, linearise_at
 from tailstack.results.verdicts import MISSED, checks_sentence, is_of_all_shots
 from tailstack.scoring import score_errors
 from tailstack.system import Estimator, Law, Requirement
-from tailstack.tail.declared import TRIANGULAR, MixedLaw, law_quantile
+from tailstack.tail.declared import MixedLaw, law_quantile
 
 
 def brute_force(system, lost, error="tcp", quantile=0.95):
@@ -255,7 +256,7 @@ def sampled_mixture(system, shots, rng):
         law = error_law(linearise(rest, rest.targets[0]), "tcp", 0.95).law
         errors = law.mean + rng.multivariate_normal(np.zeros(3), law.covariance, len(here))
         uniform = rng.uniform(-1, 1, (2, len(here), law.columns.shape[1]))
-        draws = np.where(law.kinds == TRIANGULAR, uniform.mean(axis=0), uniform[0])
+        draws = np.where(law.kinds == SUMS.index(Law.TRIANGULAR), uniform.mean(axis=0), uniform[0])
         norms[here] = np.linalg.norm(errors + draws @ law.columns.T, axis=1)
     return norms
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
-from test_correlation import document_of, errors_of
+from test_correlation import check_moments, document_of, errors_of
 from test_design_function import difference_by
 
 from plain_data import DEMO, problems_of
@@ -37,20 +37,13 @@ def random_shape(rng: np.random.Generator) -> list[list[float]]:
 def compare(seed: int, n: int) -> None:
     """First order and simulation against a chain with noise of these covariances.
 
-    As of ``test_correlation.compare``, which has the error rates: the one in 10^4, the other in 10^5.
+    As of ``check_moments``, which has the error rates: the one in 10^4, the other in 10^5.
     """
     rng = np.random.default_rng([5902, seed])
     document = document_of(rng, STILL)
     for view in document["views"]:
         view |= {name: random_shape(rng) for name in SHAPES}
-    errors = errors_of(document, STILL, n, rng)
-    design = load_design(document)
-    told = np.array(score(design, losses=False).targets[0].covariance_mm2)
-    seen = np.cov(errors.T)
-    chance = np.sqrt((np.trace(told) ** 2 + np.trace(told @ told)) / n)
-    assert np.linalg.norm(seen - told) <= 3 * chance + 0.003 * np.linalg.norm(told)
-    simulated = np.array(verify(design, trials=n, seed=seed).targets[0].std_mm)
-    assert np.abs(simulated / np.sqrt(np.diag(seen)) - 1).max() <= 4.5 / np.sqrt(n)
+    check_moments(document, errors_of(document, STILL, n, rng), seed)
 
 
 @pytest.mark.parametrize("seed", range(2))

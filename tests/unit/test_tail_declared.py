@@ -19,14 +19,13 @@ from scenes import random_system
 from tailstack.budget import budget, lines_of
 from tailstack.contributors import error_law
 from tailstack.errors import NotConvergedError
+from tailstack.laws import SUMS
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
 from tailstack.tail.declared import (
     GAUSSIAN_METHOD,
     LATTICE_METHOD,
     SAMPLED_METHOD,
-    TRIANGULAR,
-    UNIFORM,
     LawGradient,
     accuracy_for,
     end_of,
@@ -62,6 +61,7 @@ from tailstack.tail.lattice import (
 )
 from tailstack.tail.sampling import sample
 
+UNIFORM, TRIANGULAR = SUMS.index(Law.UNIFORM), SUMS.index(Law.TRIANGULAR)
 CUBE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
 NOISE = np.array(CUBE["Sigma"])
 

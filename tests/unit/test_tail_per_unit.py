@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 
 from laws import linear_law
+from tailstack.laws import SUMS, Law
 from tailstack.tail import per_unit
-from tailstack.tail.declared import UNIFORM, LinearLaw, law_cdf, law_quantile
+from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 from tailstack.tail.gaussian import norm_quantile
 from tailstack.tail.per_unit import (
     average_at,
@@ -260,7 +261,7 @@ def test_yield_and_its_error_are_those_of_the_whole_sample():
 
 def test_units_are_spread_evenly_and_answer_twice_alike():
     """Closed form: each block takes every 128th part of the range of every coordinate once, and blocks differ."""
-    z, u = unit_coordinates(2, (UNIFORM,) * 3, 7)
+    z, u = unit_coordinates(2, (SUMS.index(Law.UNIFORM),) * 3, 7)
     assert z.shape == (2048, 2)
     for column in (*stats.norm.cdf(z).T, *((u + 1) / 2).T):
         for block in column.reshape(16, 128):

@@ -23,7 +23,7 @@ from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
-from ..laws import PARTS, SUMS, Law
+from ..laws import PARTS, SUMS
 from .approximation import pearson_square
 from .contour import cumulant
 from .elementary import sine_and_cosine
@@ -54,7 +54,6 @@ from .lattice import (
 from .pairs import PairSample, mean_and_error, sample_pair
 from .sampling import Sample, sample
 
-UNIFORM, TRIANGULAR = SUMS.index(Law.UNIFORM), SUMS.index(Law.TRIANGULAR)
 _WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
 _VARIANCES = (_WIDTHS**2).sum(axis=1) / 3
 
@@ -349,7 +348,7 @@ class PairLaw:
 
     @cached_property
     def points(self) -> PairSample:
-        return sample_pair(self.law.mean, self.law.covariance, self.law.columns, self.law.kinds == TRIANGULAR)
+        return sample_pair(self.law.mean, self.law.covariance, self.law.columns, self.law.kinds)
 
     def added(self, r: float) -> tuple[float, float]:
         """P(|x_1| <= r < |x_2|), and its standard error."""
@@ -373,7 +372,12 @@ class PairLaw:
 
     def exceedance(self, r: float) -> float:
         """P(|e| > r)"""
-        return self.longer.exceedance(r) + self.added(r)[0]
+        return self.exceedance_with_error(r)[0]
+
+    def exceedance_with_error(self, r: float) -> tuple[float, float]:
+        """The same, and the standard error of what is sampled of it."""
+        added, error = self.added(r)
+        return self.longer.exceedance(r) + added, error
 
     def excess(self, r: float) -> float:
         """E[(|e| - r)+], mm; what the other adds, to some 0.2 % of the whole, by Gauss and Legendre's rule up to six

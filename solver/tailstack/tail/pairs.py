@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from ..geometry.arrays import Array
+from ..laws import shape_deviates
 from .sampling import RANDOMISATIONS, sobol_points
 
 LOG2_POINTS = 10  # of each scrambling
@@ -54,14 +55,14 @@ class PairSample:
         return np.asarray(total)
 
 
-def sample_pair(mean: Array, covariance: Array, columns: Array, peaked: NDArray[np.bool_]) -> PairSample:
-    """Rays of the law of two vectors: mean (6,) mm, covariance (6, 6) mm^2, columns (6, K) mm; peaked (K,): triangular
-    sources, the others are uniform."""
+def sample_pair(mean: Array, covariance: Array, columns: Array, kinds: NDArray[np.int64]) -> PairSample:
+    """Rays of the law of two vectors: mean (6,) mm, covariance (6, 6) mm^2, columns (6, K) mm of sources of these
+    laws (K,), places in SUMS."""
     variances, axes = np.linalg.eigh(covariance)
     kept = variances > _SAME * max(variances[-1], 0.0)
     root = axes[:, kept] * np.sqrt(variances[kept])
-    z, u = sobol_points(max(int(kept.sum()), 1), len(peaked), LOG2_POINTS)
-    u = np.where(peaked, np.sign(u) * (1.0 - np.sqrt(1.0 - np.abs(u))), u)
+    z, u = sobol_points(max(int(kept.sum()), 1), len(kinds), LOG2_POINTS)
+    u = shape_deviates(u, kinds)
     direction = z / np.linalg.norm(z, axis=1, keepdims=True)
     start = (mean + u @ columns.T).reshape(-1, 2, 3)
     gain = (direction[:, : root.shape[1]] @ root.T).reshape(-1, 2, 3)

@@ -41,9 +41,9 @@ from scipy.special import ndtri
 from ..geometry.arrays import Array
 from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
-from ..laws import SUMS, find_size
+from ..laws import shape_deviates
 from .approximation import pearson_square
-from .declared import UNIFORM, LawQuantile, LinearLaw, law_cdf, law_quantile
+from .declared import LawQuantile, LinearLaw, law_cdf, law_quantile
 from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv
 
 BLOCKS = 16
@@ -118,9 +118,7 @@ def unit_coordinates(normals: int, kinds: tuple[int, ...], log2_units: int) -> t
         blocks.append((ranks + rng.random(ranks.shape)) / count)
     points = np.concatenate(blocks)
     z, u = ndtri(np.clip(points[:, :normals], 1e-16, 1 - 1e-16)), 2.0 * points[:, normals:] - 1.0
-    for kind in set(kinds) - {UNIFORM}:
-        sized = np.sign(u) * find_size(SUMS[kind], 1.0 - np.abs(u))
-        u = np.where(np.array(kinds) == kind, sized, u)
+    u = shape_deviates(u, kinds)
     z.setflags(write=False)
     u.setflags(write=False)
     return z, u
