@@ -285,11 +285,11 @@ def test_the_bound_of_an_allocation_is_near_its_cost_and_not_above() -> None:
     assert relaxation.gap_percent == pytest.approx(100 * (result.cost_after / relaxation.lower_bound - 1), rel=0.05)
 
 
-@pytest.mark.long("layout-not convex in the layout", "risk-per-unit risk")
+@pytest.mark.long("layout-not convex in the layout", "risk-risk per unit")
 @pytest.mark.parametrize(
     ("why", "words"),
     [("layout", "not convex in the layout"), ("law", "normal laws"), ("objective", "no cost is minimised"),
-     ("risk", "per-unit risk"), ("bias", "known bias")],
+     ("risk", "risk per unit"), ("bias", "known bias")],
 )  # fmt: skip
 def test_no_bound_is_claimed_where_there_is_none(why: str, words: str) -> None:
     data = document(rotation_bounds=DEG)

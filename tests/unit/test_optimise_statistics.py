@@ -26,8 +26,11 @@ from tailstack.optimisation.request import read_request
 from tailstack.optimisation.search import search
 from tailstack.results import Relaxation
 
-SHIPPED = sorted(
-    str(path.relative_to(EXAMPLES)) for folder in (EXAMPLES, EXAMPLES / "gallery") for path in folder.glob("*.yaml")
+SHIPPED = sorted(  # those with something to install, whose half-widths can be chosen
+    str(path.relative_to(EXAMPLES))
+    for folder in (EXAMPLES, EXAMPLES / "gallery")
+    for path in folder.glob("*.yaml")
+    if "interfaces:" in path.read_text(encoding="utf-8")
 )
 FREE = {"rotation_bounds": {"min_deg": 0.005, "max_deg": 1.0}, "starts": 1}
 CONTACTS = [

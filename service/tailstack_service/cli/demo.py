@@ -13,7 +13,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from tailstack.extras import require_extras
-from tailstack.results.digits import decimal, decimals_of, number
+from tailstack.results.digits import decimal, decimals_of, number, percent_change
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
@@ -167,9 +167,10 @@ def _change_lines(result: Optimisation) -> list[str]:
     distances = [distance for distance in (dist(*pair) for pair in pairs) if distance]
     lines = []
     if distances:
-        lines.append(f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm")
-    if result.moves is not None:
-        lines.append(wrap(result.moves.sentence, first="  ", indent="    "))
+        line = f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm"
+        if result.moves is not None and result.moves.objective_left is not None:
+            line += f"; cost of that: {percent_change(result.moves.objective_left, result.moves.objective_moved)}"
+        lines.append(line)
     for _, group in groupby(result.tolerances, lambda tolerance: tolerance.contributor):
         tolerances = tuple(group)
         name = tolerances[0].label.removesuffix(f" {tolerances[0].component}")

@@ -70,7 +70,7 @@ scenarios.grow = async () => {
   await look();
   for (const k of [1, 0]) {
     await all.locator("details details > summary").nth(k).click();
-    await all.getByRole("button", { name: `Remove requirements ${k}` }).click();
+    await all.getByRole("button", { name: `Remove requirements ${k}`, exact: true }).click();
   }
   await look();
   await all.getByRole("button", { name: "Add the first of requirements" }).click();
