@@ -72,10 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser, operation: Operation) -> None
         parser.add_argument("--target", metavar="NAME", help="target that is shown (default: the largest P95)")
     if operation.figure is not None:
         parser.add_argument("--figure", metavar="FILE", help=f"draw {operation.figure.words} (.svg)")
-    if operation.remote is not None:
-        parser.add_argument(
-            "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
-        )
 
 
 def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
@@ -87,13 +83,13 @@ def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
 
     options = operation.options.of_flags(arguments)
     choice = _choose_target(arguments, designs[0]) if operation.target else ()
-    name, url = getattr(arguments, "figure", None), getattr(arguments, "remote", None)
+    name = getattr(arguments, "figure", None)
     file = None if name is None else writable_figure(name)
     with Progress(operation.verb) as progress:
         call = Call(designs, options, getattr(arguments, "threads", None), progress.report, typed=True)
         if file is not None and operation.figure is not None:
             operation.figure.check(call)
-        record = operation.run(call) if operation.remote is None or url is None else operation.remote(call, url)
+        record = operation.run(call)
     if file is not None and operation.figure is not None:
         write_figure(file, operation.figure.draw(record, *choice))
     code = operation.exit_code(record)

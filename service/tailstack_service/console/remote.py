@@ -121,7 +121,7 @@ class RemoteService:
                 yield answer
         except httpx.HTTPError as error:
             detail = f"no answer from {self.url}: {error or type(error).__name__}"
-            hint = "start one with tailstack serve, or name another (--url; of sweep and gate: --remote)"
+            hint = "start one with tailstack serve, or name another (--url; of gate: --remote)"
             problem = Problem("", "unreachable", detail, hint)
             raise RemoteError("unreachable", "The service cannot be reached", 0, (problem,)) from None
 

@@ -275,7 +275,6 @@ class Operation:
     figure: FigureFile | None = None  # --figure
     csv: Csv | None = None  # --csv
     target: bool = False  # --target: of which target the document and the figure are
-    remote: Callable[[Call, str], Any] | None = None  # --remote URL: the record as a service computes it
 
     @property
     def yaml(self) -> bool:

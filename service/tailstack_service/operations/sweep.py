@@ -183,28 +183,6 @@ def _check_drawable(call: Call) -> None:
     refuse_undrawable([axis.values for axis in read_axes(call.design, call.options.keep(call.design)["axes"])])
 
 
-def _ask_service(call: Call, url: str) -> Sweep:
-    """The record that a service answers to a request with these options.  Raises RemoteError, RefusedAt."""
-    from tailstack.design import design_to_data
-
-    from ..console.remote import RemoteService, compute_remotely, unexpected_error
-    from ..documents import from_json
-
-    design, options = call.design, call.options.keep(call.design)
-    alone = design.document.fiducials.file is None
-    request = {"design": design.source.data if alone else design_to_data(design), **options}
-    service = RemoteService(url)
-    body = compute_remotely(service, "/v1/sweeps", request, call.progress)
-    try:
-        result: Sweep = from_json(Sweep, body)
-        asked = [axis["pointer"] for axis in options["axes"]]
-        if result.provenance.design_sha256 != design.sha256 or [axis.pointer for axis in result.axes] != asked:
-            raise ValueError("it is about another design or other numbers of it")
-    except ValueError as error:
-        raise unexpected_error(service.url, "this sweep", error) from None
-    return result
-
-
 OPERATION = Operation(
     name="sweep",
     verb="sweep",
@@ -228,5 +206,4 @@ OPERATION = Operation(
         "P95 over one axis of several values, or two", LateImport("..report.charts", "draw_sweep"), _check_drawable
     ),
     csv=Csv("point and target", LateImport("..report.chapters.sweep", "sweep_csv")),
-    remote=_ask_service,
 )
