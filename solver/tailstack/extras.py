@@ -28,7 +28,6 @@ MODULES_OF = {
     "postgres": ("psycopg",),
     "dask": ("dask", "distributed", "cryptography"),
     "tables": ("openpyxl", "pyarrow"),
-    "mcp": ("mcp", "anyio"),
 }  # fmt: skip
 
 

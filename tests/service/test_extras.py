@@ -100,7 +100,6 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
         ("pdf", ("report", DEMO, "--format", "pdf")),
         ("postgres", ("db", "check", "--database", "postgresql://somebody@127.0.0.1:1/jobs")),
         ("dask", ("worker", "--engine", "dask")),
-        ("mcp", ("mcp",)),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(Path(word).name for word in value),
 )
@@ -312,7 +311,7 @@ def test_the_extras_of_pyproject_bring_what_is_imported() -> None:
         assert brought - {"tailstack", "uvloop"} <= own, extra  # uvicorn takes uvloop by itself
 
 
-COME_ALONG = {"starlette", "h11", "cycler", "dask", "anyio"}  # with fastapi, uvicorn, matplotlib, distributed and mcp
+COME_ALONG = {"starlette", "h11", "cycler", "dask"}  # with fastapi, uvicorn, matplotlib and distributed
 
 
 def test_the_lock_of_the_core_holds_what_the_core_needs_and_is_part_of_the_others() -> None:

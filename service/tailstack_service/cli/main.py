@@ -26,23 +26,16 @@ from ..operations.registry import OPERATIONS, VERB_OF
 
 FIRST = ("demo", "init", "example")
 LAST = (
-    "serve", "worker", "jobs", "db", "keys", "mcp", "words", "schema", "openapi", "doctor", "warm-up", "completion",
-    "version",
+    "serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "warm-up", "completion", "version",
 )  # fmt: skip
 SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
-# Verbs with a module of their own (gate and report take more than a design); it is in this package, if not said here
-ELSEWHERE = {"mcp": "tailstack_service.integrations.mcp"}
+# Verbs with a module of their own in this package (gate and report take more than a design)
 OWN = frozenset({*FIRST, *LAST, "gate", "report"})
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
 
 start with: tailstack demo, or tailstack init and then tailstack score design.yaml (DESIGN may be - for stdin)
 """
-
-
-def module_of(verb: str) -> str:
-    """The module of a verb of its own."""
-    return ELSEWHERE.get(verb, f"{__package__}.{verb.replace('-', '_')}")
 
 
 @cache
@@ -71,7 +64,7 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
     for verb_name in verbs() if verb is None else (verb,):
         if verb_name in OWN:
-            module = import_module(module_of(verb_name))
+            module = import_module(f"{__package__}.{verb_name.replace('-', '_')}")
             own = parsers.add_parser(
                 verb_name,
                 help=module.HELP,

@@ -1,1 +1,1 @@
-"""What speaks with other programs: convert, UM-Bridge, MCP.  Tables of names find it; nothing else imports it."""
+"""What reads and writes the files of other programs.  A table of names finds it; nothing else imports it."""
