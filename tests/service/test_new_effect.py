@@ -204,13 +204,6 @@ def test_what_judges_optimises_and_reports_names_it(copy: subprocess.Popen[str],
     (tmp_path / "best.json").write_text(json.dumps(optimised["design"]), encoding="utf-8")
     best = json.loads(tailstack(copy, tmp_path, "score", "best.json", "--json", codes=(0, 1, 4)))["targets"][0]
     assert best["p95_mm"] <= 1.0005 * best["limit_mm"]
-    bench = ROOT / "examples" / "measurements" / "bench_as_designed.csv"
-    compared = json.loads(
-        tailstack(
-            copy, tmp_path, "study", "compare", str(file), "--measurements", str(bench), "--json", codes=(0, 1, 4)
-        )
-    )
-    assert "bending" in {each["contributor"] for each in compared["explanations"]}
 
 
 @pytest.mark.long

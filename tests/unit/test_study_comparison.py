@@ -21,7 +21,6 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.bench import levels
 from tailstack.studies.bench.compare import StudyComparison, study_comparison
-from tailstack.studies.bench.explain import Explanation, departure_p_value, explain
 from tailstack.studies.bench.file import Group, Measurements
 from tailstack.studies.bench.levels import (
     MOST_REPLICATES,
@@ -95,12 +94,13 @@ def test_moments_are_those_of_numpy() -> None:
 @pytest.mark.parametrize("freedom", [2, 4, 5, 9, 400])
 def test_departure_has_its_known_law(freedom: int) -> None:
     """closed_form: the ratio of traces is chi-squared with 3 nu degrees over 3 nu; the likelihood ratio nearly with 6
-    once its mean is 6 (Anderson 2003).  2,000 Wishart matrices of SciPy, seed 2: p-values are uniform; a correct one
-    fails once in 1000."""
+    once its mean is 6 (Anderson 2003).  2,000 Wishart matrices of SciPy, seed 2; a correct one fails once in
+    1000."""
     expected_covariance = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, -0.2], [0.1, -0.2, 0.5]])
     normals = np.linalg.cholesky(expected_covariance) @ np.random.default_rng(2).standard_normal((2000, 3, freedom))
     found = departure(normals @ normals.swapaxes(1, 2) / freedom, expected_covariance, freedom)
-    assert kstest(departure_p_value(found, freedom), "uniform").pvalue > 1e-3
+    scaled, degrees = (3 * freedom * found, 3 * freedom) if freedom < 4 else (6 * found / found.mean(), 6)
+    assert kstest(scaled, chi2(degrees).cdf).pvalue > 1e-3
 
 
 def test_distances_p_values_and_holm_are_those_of_their_definitions() -> None:
@@ -210,10 +210,6 @@ def studied(system: System, errors: Array, sizes: tuple[int, ...], **options: ob
     return study_comparison(system, measured(errors, sizes), **options)  # type: ignore[arg-type]
 
 
-def found_in(study: StudyComparison, contributor: str, component: str = "all") -> Explanation:
-    return next(e for e in study.explanations if (e.contributor, e.component) == (contributor, component))
-
-
 def test_a_bench_as_designed_agrees() -> None:
     """independent: a bench of the plain chain, seed 7."""
     study = studied(scene(), plain_bench(scene(), np.random.default_rng(7), SIZES), SIZES)
@@ -224,12 +220,9 @@ def test_a_bench_as_designed_agrees() -> None:
     assert level.spread.interval is not None
     assert level.spread.interval[0] < 1 < level.spread.interval[1]
     assert "That is not equality" in study.conclusions[1]
-    one = found_in(study, "image_noise")
-    assert one.intervals[0][0] < 1 < one.intervals[0][1]
-    assert found_in(study, "connector_flange", "rx").declared == pytest.approx(0.1)
 
 
-def test_a_tilt_is_found_and_named() -> None:
+def test_a_tilt_is_found() -> None:
     """closed_form: a tilt of connector_flange by rx about (0, 0, -145) displaces the target at z = 70 by 215 mm times
     the angle along -y; independent: the bench is the plain chain's, seed 8."""
     tilt = np.deg2rad(0.35)
@@ -241,43 +234,18 @@ def test_a_tilt_is_found_and_named() -> None:
     assert level.bias is not None
     low, high = level.bias.interval_mm[1]
     assert low < -215 * tilt < high
-    named = found_in(study, "connector_flange", "rx")
-    assert named.unit == "deg"
-    assert named.intervals[0][0] < 0.35 < named.intervals[0][1]
-    assert abs((named.most_plausible or 0) - 0.35) < 0.1
-    assert found_in(study, "connector_flange", "ry").most_plausible is None  # it moves along x
-    assert found_in(study, "image_noise").intervals == ()
     assert any("mean" in said and "outside the predicted range in y" in said for said in study.conclusions)
 
 
-def test_loud_images_are_found_and_named() -> None:
+def test_loud_images_are_found() -> None:
     """independent: the plain chain with 1 px instead of 0.5 px, one installation of 20, seed 9.  The spread is then
-    twice the predicted one and no mount's size can make it."""
+    twice the predicted one."""
     study = studied(scene(), plain_bench(scene(), np.random.default_rng(9), (20,), noise=1.0), (20,))
     spread = study.levels[0].spread
     assert spread is not None
     assert spread.interval is not None
     assert spread.interval[0] < 2 < spread.interval[1]
-    named = found_in(study, "image_noise")
-    assert named.intervals[0][0] < 2 < named.intervals[0][1]
-    assert all(
-        found_in(study, name).intervals == () for name in ("structure_connector", "connector_flange", "hand_eye")
-    )
-    assert "image noise" in study.conclusions[-1]
-
-
-@pytest.mark.long
-def test_the_interval_of_a_factor_covers() -> None:
-    """sampled: 40 benches with noise of 0.9 px instead of 0.5; the 95 % set of the factor (1.8) misses two of them on
-    average, more than seven once in 1000.  Seed 10."""
-    system, rng, missed = scene(), np.random.default_rng(10), 0
-    for _ in range(40):
-        read = measured(plain_bench(system, rng, SIZES, noise=0.9), SIZES)
-        bench = levels.describe_bench(system, read, read.groups[0], "tcp", 0.0)
-        named = next(each for each in explain([bench], 0.0, "tcp", 0.05) if each.contributor == "image_noise")
-        low, high = named.intervals[0] if named.intervals else (0.0, 0.0)
-        missed += not low <= 1.8 <= high
-    assert missed <= 7
+    assert "spread from trial to trial" in study.conclusions[-1]
 
 
 def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
@@ -291,34 +259,6 @@ def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
     spread = studied(system, many[0], (4,)).levels[0].spread
     assert spread is not None
     assert spread.interval == pytest.approx((spread.ratio / q2, spread.ratio / q1), rel=0.02)
-
-
-@pytest.mark.long
-def test_a_narrow_interval_is_not_stepped_over() -> None:
-    """closed_form: 1,500 Gaussian errors tell their size to 1.1 % (one over the root of 2 * 3 * 1500), far less than
-    the steps of any coarse search.  Seed 21; a factor is outside its interval once in 20."""
-    system = cube8_system()
-    sigma = covariance(linearise(system, system.targets[0]), "tcp")
-    rng = np.random.default_rng(21)
-    for factor in (1.04, 1.445):
-        errors = factor * rng.multivariate_normal(np.zeros(3), sigma, 1500)
-        ((low, high),) = found_in(studied(system, errors, (1500,)), "image_noise").intervals
-        assert low < factor < high
-        assert high - low < 0.1 * factor
-
-
-def test_the_interval_of_a_value_is_that_of_its_test() -> None:
-    """closed_form: of a bench with noise alone whose mean is exactly 1 mm along z, the values v of
-    connector_flange.tz that keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees."""
-    system = cube8_system()
-    sigma = covariance(linearise(system, system.targets[0]), "tcp")
-    errors = np.random.default_rng(24).multivariate_normal(np.zeros(3), sigma, 10)
-    errors += np.array([0, 0, 1.0]) - errors.mean(axis=0)
-    named = found_in(studied(system, errors, (10,)), "connector_flange", "tz")
-    half = np.sqrt(chi2(3).ppf(0.95) / (10 * np.linalg.inv(sigma)[2, 2]))
-    ((low, high),) = named.intervals
-    assert (low + high) / 2 == pytest.approx(1.0, abs=1e-3)
-    assert (high - low) / 2 == pytest.approx(half, rel=1e-3)
 
 
 def test_as_many_benches_are_simulated_as_the_tests_need() -> None:
@@ -361,7 +301,7 @@ def test_bounded_components_are_given_the_benefit_of_the_doubt() -> None:
         studied(system, np.linalg.norm(noise, axis=1), (12,))
 
 
-def test_norms_say_less_and_say_so() -> None:
+def test_norms_say_less() -> None:
     bent = replace(
         scene(), connector_flange=replace(scene().connector_flange, known=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0]))
     )
@@ -369,8 +309,6 @@ def test_norms_say_less_and_say_so() -> None:
     study = studied(scene(), norms, (12,))
     assert study.verdict == "differs"
     assert study.levels[0].bias is None
-    assert study.explanations == ()
-    assert "which way" in study.conclusions[-1]
 
 
 def test_the_tail_is_held_against_order_statistics() -> None:
@@ -399,7 +337,6 @@ def test_the_instrument_s_own_error_is_part_of_the_prediction() -> None:
     assert studied(scene(), errors, (15,)).verdict == "differs"
     told = studied(scene(), errors, (15,), instrument_sd_mm=0.4)
     assert told.verdict == "agrees"
-    assert found_in(told, "instrument").intervals
     with pytest.raises(OutOfRangeError, match="standard deviation"):
         studied(scene(), errors, (15,), instrument_sd_mm=-1.0)
 

@@ -9,12 +9,11 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tailstack.results import ERRORS, Interval
-from tailstack.results.digits import number, percent
+from tailstack.results.digits import percent
 from tailstack.results.look import BLUE, MUTED, VERMILION
-from tailstack.results.score import source_name
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import findings_table
-from tailstack.studies.bench.compare import StudyComparison, write_interval
+from tailstack.studies.bench.compare import StudyComparison
 
 from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
@@ -27,7 +26,6 @@ from .study import compose_study
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from tailstack.studies.bench.explain import Explanation
     from tailstack.studies.bench.levels import LevelCompared
 
 TAIL_ROWS, MOST_TAILS = 6, 4  # of a terminal and a page; a spreadsheet has all
@@ -36,7 +34,7 @@ TONE: dict[str, Tone] = {"agrees": "pass", "differs": "fail", "not testable": "i
 
 
 def comparison_document(study: StudyComparison, sha256: str) -> Document:
-    """Means and spreads beside the prediction, every test, the tail, and what would explain a difference."""
+    """Means and spreads beside the prediction, every test, and the tail."""
     tests = [test for level in study.levels for test in level.tests]
     file, benches = study.file, max((level.benches for level in study.levels), default=0)
     held = f"against {benches:,} simulated benches, seed {study.seed}" if benches else "beside the prediction"
@@ -65,7 +63,6 @@ def comparison_document(study: StudyComparison, sha256: str) -> Document:
             Section("Findings", (findings_table(study.findings),) if study.findings else (), on=PAPER),
             Section("Tests", _unless_empty(tests_table(study.levels)), on=IN_DETAIL),
             Section("The largest errors", _unless_empty(tails_table(study.levels)), on=IN_DETAIL),
-            Section("What would explain it", _unless_empty(explanations_table(study))),
             Section(
                 "Trust", (Paragraph(f"How good the prediction is: {trust_sentence(study.validity)}."),), on=On.PLAIN
             ),
@@ -208,44 +205,6 @@ def tails_table(levels: Sequence[LevelCompared]) -> Table:
         "so the test called tail is what judges"
     )
     return Table("Tails", caption, columns, tuple(rows))
-
-
-def _name(study: StudyComparison) -> Callable[[Explanation], str]:
-    """The source of an explanation, with its target where there are several."""
-    several = len({explanation.target for explanation in study.explanations}) > 1
-    return lambda explanation: (f"{explanation.target}: " if several else "") + source_name(explanation)
-
-
-def explanations_table(study: StudyComparison) -> Table:
-    """How many times as declared each contributor alone would plausibly be; at which fixed value a component explains a
-    mean that differs."""
-    differing = {level.target for level in study.levels if any(t.differs and t.test == "mean" for t in level.tests)}
-
-    def write_plausible(explanation: Explanation) -> str:
-        if explanation.kind == "factor" or not explanation.intervals:
-            return f"× {write_interval(explanation)}" if explanation.intervals else "none"
-        return f"{write_interval(explanation)} {explanation.unit}"
-
-    def write_declared(explanation: Explanation) -> str | None:
-        if explanation.kind == "factor" or explanation.declared is None:
-            return None
-        return f"{number(explanation.declared, 3)} {explanation.unit}"
-
-    columns = (
-        Column("Contributor", of=_name(study)),
-        Column("Plausible", kind="fixed", of=write_plausible),
-        Column("Declared", kind="fixed", brief="declared\n", of=write_declared),
-        Column("Held against", on=IN_DETAIL, of=lambda explanation: explanation.explains),
-    )
-    rows = [
-        explanation
-        for explanation in study.explanations
-        if explanation.kind == "factor" or explanation.target in differing
-    ]
-    caption = (
-        "One contributor (× as declared) or component (fixed) alone, all else as declared: what is plausible (95 %)"
-    )
-    return tabulate("Explanations", caption, columns, rows)
 
 
 # --- its chart ----------------------------------------------------------------------------------------------

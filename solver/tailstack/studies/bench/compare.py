@@ -1,4 +1,4 @@
-"""Bench measurements against prediction: bias and spread with intervals, calibrated tests, Q-Q, what would explain it.
+"""Bench measurements against prediction: bias and spread with intervals, calibrated tests, Q-Q.
 
 The tests hold the bench as it was run (so many installations, so many trials each) against benches simulated through
 the full chain.  An installation is drawn once and stays: the mean of a bench is compared with the law of such means,
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import inf, log
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +24,6 @@ from ...results import Finding, Interval, Provenance, Validity
 from ...results.record import Published
 from ...scoring import checked_system, provenance, trust_of
 from ...system import System
-from .explain import Explanation, explain
 from .file import Measurements, read_measurements
 from .levels import (
     CONFIDENCE,
@@ -77,11 +75,6 @@ def study_comparison(
         report = None if progress is None else partial(_report_part, progress, len(compared), len(benches))
         compared.append(compare_level(bench, error, replace(draws, first=first), report))
     levels = _adjust_p_values(compared)
-    tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
-    by_target = {name: [bench for bench in tested if bench.group.target == name] for name in names}
-    explained = tuple(
-        each for here in by_target.values() for each in explain(here, instrument_sd_mm, error, 1 - CONFIDENCE)
-    )
     verdict = judge_levels(levels)
     models = {bench.model.target.name: bench.model for bench in benches}
     return StudyComparison(
@@ -93,9 +86,8 @@ def study_comparison(
         confidence=CONFIDENCE,
         instrument_sd_mm=instrument_sd_mm,
         levels=levels,
-        explanations=explained,
         verdict=verdict,
-        conclusions=write_conclusions(levels, explained, verdict),
+        conclusions=write_conclusions(levels, verdict),
         findings=(*_state_assumptions(read, instrument_sd_mm), *find_remarks(levels)),
         validity=trust_of(system, models),
         provenance=provenance(system, simulated=True, also=("drift of the bench and its datum",)),
@@ -147,7 +139,6 @@ def _adjust_p_values(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ..
     return tuple(compared)
 
 
-MOST_LISTED = 6
 Verdict = Literal["agrees", "differs", "not testable"]
 
 
@@ -215,10 +206,8 @@ def find_remarks(levels: Sequence[LevelCompared]) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def write_conclusions(
-    levels: Sequence[LevelCompared], explained: Sequence[Explanation], verdict: Verdict
-) -> tuple[str, ...]:
-    """The verdict and, where there is a difference, what alone would explain it."""
+def write_conclusions(levels: Sequence[LevelCompared], verdict: Verdict) -> tuple[str, ...]:
+    """The verdict and, where there is a difference, which tests see it."""
     tests = [(level, test) for level in levels for test in level.tests]
     if verdict == "not testable":
         return ("Nothing in the file can be tested against the prediction; it is only shown beside it.",)
@@ -233,77 +222,10 @@ def write_conclusions(
             )
         return tuple(sentences)
     differing = [(level, test) for level, test in tests if test.differs]
-    sentences = [
-        f"{len(differing)} of {len(tests)} tests tell the measurements from the prediction (5 % for all together)."
-    ]
-    sentences += [
-        f"Level {level.level} at {level.target}: {test.says} (p = {test.p_value:.2g})." for level, test in differing
-    ]
-    if not explained:
-        sentences.append(
-            "A norm does not say which way: with points or error vectors, what would explain it is looked for."
-        )
-    for target in dict.fromkeys(explanation.target for explanation in explained):
-        here = [test.test for level, test in differing if level.target == target]
-        if here:
-            sentences.append(
-                _write_explanations(
-                    [explanation for explanation in explained if explanation.target == target], here, target
-                )
-            )
-    return tuple(sentences)
-
-
-def _write_explanations(explained: Sequence[Explanation], differing: Sequence[str], target: str) -> str:
-    """Factors are held against mean and spread; a fixed value can only explain a mean."""
-    factors = sorted(
-        (explanation for explanation in explained if explanation.kind == "factor" and explanation.intervals),
-        key=_distance_from_one,
+    return (
+        f"{len(differing)} of {len(tests)} tests tell the measurements from the prediction (5 % for all together).",
+        *(f"Level {level.level} at {level.target}: {test.says} (p = {test.p_value:.2g})." for level, test in differing),
     )
-    values = sorted(
-        (explanation for explanation in explained if explanation.kind == "value" and explanation.intervals),
-        key=_count_half_widths,
-    )
-    only_mean = set(differing) <= {"mean", "tail"}
-    clauses = []
-    if factors:
-        clauses.append("one contributor alone, if it were this many times as large: " + _list_explanations(factors))
-    if values and only_mean:
-        clauses.append("a fixed value of one component: " + _list_explanations(values))
-    if clauses:
-        return f"At {target} this would explain it: {'; or '.join(clauses)}."
-    if values and "mean" in differing:
-        return (
-            f"At {target} no contributor's size alone explains all of it. A fixed value of one component would explain "
-            f"the mean, and not the spread: {_list_explanations(values)}."
-        )
-    return f"At {target} no contributor alone explains it, of whatever size: look for several, or for a wrong datum."
-
-
-def _distance_from_one(explanation: Explanation) -> float:
-    return abs(log((explanation.most_plausible or 0.0) + 1e-9))
-
-
-def _count_half_widths(explanation: Explanation) -> float:
-    return abs(explanation.most_plausible or 0.0) / explanation.declared if explanation.declared else inf
-
-
-def _list_explanations(explained: Sequence[Explanation]) -> str:
-    parts = []
-    for explanation in explained[:MOST_LISTED]:
-        name = explanation.label if explanation.kind == "factor" else f"{explanation.label} {explanation.component}"
-        parts.append(f"{name} {write_interval(explanation)}" + (f" {explanation.unit}" if explanation.unit else ""))
-    more = len(explained) - MOST_LISTED
-    return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
-
-
-def write_interval(explanation: Explanation) -> str:
-    """``0.31 (0.25 .. 0.37)``; an end of the search is not an end."""
-    if explanation.most_plausible is None:
-        return "none"
-    ((low, high),) = explanation.intervals
-    upper = "no upper end" if explanation.kind == "factor" and high >= explanation.search_end else f"{high:.3g}"
-    return f"{explanation.most_plausible:.3g} ({low:.3g} .. {upper})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,8 +264,6 @@ class StudyComparison(Published):
     """Standard deviation of the instrument per coordinate, which is added to the prediction, mm."""
     levels: tuple[LevelCompared, ...]
     """Every level at every target."""
-    explanations: tuple[Explanation, ...]
-    """How large one contributor alone would have to be for the measurements to be plausible."""
     verdict: Literal["agrees", "differs", "not testable"]
     """What all tests together say."""
     conclusions: tuple[str, ...]
