@@ -1,4 +1,5 @@
-"""What beads drilled in one clamping have in common: against a chain of its own, closed forms, and what is refused."""
+"""What beads drilled in one clamping have in common: closed forms, and what is refused; test_correlation.py has a chain
+that is drawn in NumPy."""
 
 from __future__ import annotations
 
@@ -7,73 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_correlation import check_moments, document_of, errors_of, normal, pair, random_covariance, turns
+from test_correlation import normal, pair
 
 from plain_data import DEMO, problems_of
 from tailstack import load_design, score
-from tailstack.geometry.arrays import Array
-
-LABELS = [f"F{k}" for k in range(1, 11)]
-PARTS = [LABELS[:4], LABELS[4:]]
-PIVOTS = [None, [10.0, -20.0, 35.0]]
-SCALE = 0.002  # half-width of two standard deviations
-
-
-def clamped(rng: np.random.Generator) -> tuple[dict[str, Any], list[Array]]:
-    """Two views of ten beads that were drilled in two clampings, each with a covariance; a seat that hardly moves."""
-    small = dict.fromkeys(("structure_connector", "connector_flange", "hand_eye"), np.eye(6) * 1e-8)
-    document = document_of(rng, small)
-    covariances = [random_covariance(rng) for _ in PARTS]
-    document["fiducials"]["common"] = [
-        {
-            "fiducials": part,
-            "tolerances": {"covariance_deg_mm": covariance.tolist()},
-            "scale": {"half_width_rel": SCALE, "distribution": "normal"},
-        }
-        | ({} if pivot is None else {"pivot_mm": pivot})
-        for part, covariance, pivot in zip(PARTS, covariances, PIVOTS, strict=True)
-    ]
-    return document, covariances
-
-
-def made_by_hand(document: dict[str, Any], covariances: list[Array], n: int, rng: np.random.Generator) -> Array:
-    """(n, N, 3): beads that turn, by rotations that are none of small angles, grow and shift with their clamping."""
-    beads = np.array([each["position_mm"] for each in document["fiducials"]["points"]])
-    made = np.tile(beads, (n, 1, 1))
-    for part, covariance, pivot in zip(PARTS, covariances, PIVOTS, strict=True):
-        own = [LABELS.index(label) for label in part]
-        about = beads[own].mean(axis=0) if pivot is None else np.array(pivot)
-        off = rng.multivariate_normal(np.zeros(6), covariance, n, method="svd")
-        grown = (1 + rng.normal(0, SCALE / 2, (n, 1, 1))) * (beads[own] - about)
-        made[:, own] = np.einsum("nij,nmj->nmi", turns(np.deg2rad(off[:, :3])), grown) + about + off[:, None, 3:]
-    return made
-
-
-def compare(seed: int, n: int) -> None:
-    """First order and simulation against beads that are made, imaged and resected here.
-
-    As of ``check_moments``, which has the error rates: the one in 10^4, the other in 10^5.
-    """
-    rng = np.random.default_rng([5901, seed])
-    document, covariances = clamped(rng)
-    still = dict.fromkeys(("structure_connector", "connector_flange", "hand_eye"), np.eye(6) * 1e-8)
-    errors = errors_of(document, still, n, rng, made_by_hand(document, covariances, n, rng))
-    check_moments(document, errors, seed, left_out=0.005)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_covariance_is_that_of_beads_made_here(seed):
-    """Fails by chance once in 10^3."""
-    compare(seed, 4_000)
-
-
-@pytest.mark.long
-@pytest.mark.hostile
-def test_covariance_is_that_of_beads_made_here_on_forty_designs(run_seed):
-    """Fails by chance once in 200."""
-    for seed in range(40):
-        compare(run_seed + seed, 20_000)
-
 
 BESIDE = ("interfaces", "execution", "optimise")
 

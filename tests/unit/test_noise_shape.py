@@ -1,5 +1,5 @@
-"""Image noise that is not alike in all directions: against images drawn and resected here; who weighs by it, and who
-does not; what is no covariance."""
+"""Image noise that is not alike in all directions: who weighs by it, and who does not; what is no covariance.  Against
+a chain drawn in NumPy: test_correlation.py."""
 
 from __future__ import annotations
 
@@ -10,54 +10,19 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
-from test_correlation import check_moments, document_of, errors_of
+from test_correlation import STILL, document_of, rows_of
 from test_design_function import difference_by
 
 from plain_data import DEMO, problems_of
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.design import Design, compile_design
 from tailstack.estimation.least_squares import weights_at_rest
-from tailstack.geometry.arrays import Array
 from tailstack.propagation.linear import linearise
 
-STILL = dict.fromkeys(("structure_connector", "connector_flange", "hand_eye"), np.eye(6) * 1e-10)
 SHAPES = {
     "fiducial_noise_shape": [[1.8, 0.45], [0.45, 0.2]],
     "target_noise_shape": [[0.3, -0.5], [-0.5, 1.7]],
 }
-
-
-def random_shape(rng: np.random.Generator) -> list[list[float]]:
-    """A covariance of u and v, the mean of its variances 1; one in four of noise along one line."""
-    factor = rng.normal(size=(2, 1 if rng.random() < 0.25 else 2))
-    shape = factor @ factor.T
-    return (shape / (np.trace(shape) / 2)).tolist()
-
-
-def compare(seed: int, n: int) -> None:
-    """First order and simulation against a chain with noise of these covariances.
-
-    As of ``check_moments``, which has the error rates: the one in 10^4, the other in 10^5.
-    """
-    rng = np.random.default_rng([5902, seed])
-    document = document_of(rng, STILL)
-    for view in document["views"]:
-        view |= {name: random_shape(rng) for name in SHAPES}
-    check_moments(document, errors_of(document, STILL, n, rng), seed)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_covariance_is_that_of_images_drawn_here(seed):
-    """Fails by chance once in 10^3."""
-    compare(seed, 4_000)
-
-
-@pytest.mark.long
-@pytest.mark.hostile
-def test_covariance_is_that_of_images_drawn_here_on_forty_designs(run_seed):
-    """Fails by chance once in 200."""
-    for seed in range(40):
-        compare(run_seed + seed, 20_000)
 
 
 def shaped(data: dict[str, Any] = DEMO, shapes: dict[str, Any] = SHAPES, **model: str) -> Design:
@@ -65,23 +30,6 @@ def shaped(data: dict[str, Any] = DEMO, shapes: dict[str, Any] = SHAPES, **model
     for view in data["views"]:
         view |= shapes
     return load_design(data)
-
-
-def resect_noisily(projection: Array, beads: Array, images: Array) -> Array:
-    """(n, 3, 4) by DLT, |p3| = 1, of images (n, N, 2); beads centred and scaled, as images are."""
-    size, middle = np.sqrt((beads**2).sum(axis=1).mean() / 3), images.mean(axis=1, keepdims=True)
-    spread = np.sqrt(((images - middle) ** 2).sum(axis=2).mean(axis=1) / 2)[:, None, None]
-    u, x = (images - middle) / spread, np.hstack([beads / size, np.ones((len(beads), 1))])
-    x = np.broadcast_to(x, (len(images), *x.shape))
-    up = np.concatenate([x, np.zeros_like(x), -u[..., :1] * x], axis=2)
-    down = np.concatenate([np.zeros_like(x), x, -u[..., 1:] * x], axis=2)
-    found = np.linalg.svd(np.concatenate([up, down], axis=1))[2][:, -1].reshape(-1, 3, 4)
-    back = np.zeros((len(images), 3, 3))
-    back[:, 0, 0] = back[:, 1, 1] = spread[:, 0, 0]
-    back[:, :2, 2], back[:, 2, 2] = middle[:, 0], 1
-    found = back @ found @ np.diag([1 / size, 1 / size, 1 / size, 1])
-    found = found / np.linalg.norm(found[:, 2, :3], axis=1)[:, None, None]
-    return found * np.sign(found[:, 2] @ projection[2])[:, None, None]
 
 
 def test_weights_of_the_weighted_triangulation_are_inverse_covariances_of_its_rows():
@@ -105,10 +53,8 @@ def test_weights_of_the_weighted_triangulation_are_inverse_covariances_of_its_ro
             0.2 * rng.multivariate_normal(np.zeros(2), view[name], (n, k))
             for name, k in (("fiducial_noise_shape", 10), ("target_noise_shape", 1))
         ]
-        found = resect_noisily(camera, beads - middle, exact[:-1] + noise[0])
-        aim = exact[-1] + noise[1][:, 0]
-        rows = found @ np.append(target, 1)
-        inverses.append(np.linalg.inv(np.cov((aim * rows[:, 2:] - rows[:, :2]).T)))
+        rows, size = rows_of(beads - middle, exact[:-1] + noise[0], exact[-1] + noise[1][:, 0])
+        inverses.append(np.linalg.inv(np.cov((rows @ np.append(target / size, 1)).T)))
     wanted = np.array(inverses) / np.linalg.norm(inverses)
     document["model"] = {"triangulation": "weighted"}
     system = compile_design(load_design(document))
