@@ -13,7 +13,8 @@ from pathlib import Path
 
 from service_scenes import ROOT
 
-from family import die_with_parent, ended
+from family import die_with_parent, ended, run_python
+from waiting import LIMIT_SECONDS
 
 COMMANDS = """
 import contextlib, io, json, os, sys
@@ -27,6 +28,13 @@ for line in sys.stdin:
         code = main(arguments)
     out.flush()
     print(json.dumps([code, out.buffer.getvalue().decode(), err.getvalue()]), file=answers, flush=True)
+"""
+
+MATRIX = """
+import {matrix} as matrix
+for name in matrix.CONSUMERS:
+    print(name, flush=True)
+    matrix.meet({subject!r}, name)
 """
 
 
@@ -69,6 +77,15 @@ def refusal(copy: subprocess.Popen[str], folder: Path, *arguments: str) -> str:
     code, _, err = _run(copy, folder, arguments)
     assert code == 2
     return " ".join(err.split())
+
+
+def meet_matrix(variables: Mapping[str, str], folder: Path, matrix: str, subject: str) -> None:
+    """Every consumer of a matrix of the tests has to meet what the copy has more."""
+    places = (variables["PYTHONPATH"], str(ROOT / "tests"), str(ROOT / "tests" / "unit"))
+    program = MATRIX.format(matrix=matrix, subject=subject)
+    told = {**variables, "PYTHONPATH": os.pathsep.join(places)}
+    done = run_python("-c", program, env=told, timeout=5 * LIMIT_SECONDS, cwd=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def _run(copy: subprocess.Popen[str], folder: Path, arguments: tuple[str, ...]) -> tuple[int, str, str]:
