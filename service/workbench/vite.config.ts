@@ -1,6 +1,8 @@
 // Builds the page into the Python package, from which the service serves it: users need no Node.
 import { createHash } from "node:crypto";
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
+import { relative } from "node:path";
+import { fileURLToPath } from "node:url";
 import { defineConfig, type Plugin } from "vite";
 
 const service = "http://127.0.0.1:8321";
@@ -24,8 +26,24 @@ function licences(): Plugin {
   };
 }
 
+/** What was read and what came of it, each file of `service/` with its SHA-256, in `built.json`: a test compares. */
+function record(): Plugin {
+  const service = fileURLToPath(new URL("..", import.meta.url));
+  const pins = ["package.json", "package-lock.json", "tsconfig.json", "vite.config.ts"].map((name) => fileURLToPath(new URL(name, import.meta.url)));
+  return {
+    name: "record",
+    apply: "build",
+    writeBundle({ dir }, bundle) {
+      const read = [...this.getModuleIds()].map((id) => id.split("?")[0]).filter((id) => id.startsWith(service) && !id.includes("/node_modules/"));
+      const files = new Set([...pins, ...read, ...Object.keys(bundle).map((name) => `${dir}/${name}`)]);
+      const digests = [...files].map((file) => [relative(service, file), createHash("sha256").update(readFileSync(file)).digest("hex")]);
+      writeFileSync(`${dir}/built.json`, `${JSON.stringify(Object.fromEntries(digests.sort()), null, 1)}\n`);
+    },
+  };
+}
+
 export default defineConfig({
-  plugins: [licences()],
+  plugins: [licences(), record()],
   base: "./",
   build: {
     outDir: "../tailstack_service/workbench",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import filecmp
 import gzip
+import hashlib
 import json
 import os
 import re
@@ -397,6 +398,17 @@ def test_what_is_fetched_before_the_first_score_stays_small() -> None:
     first = [path for path in first if not path.name.startswith(("Editor", "Manual"))]  # fetched when they are opened
     assert len(first) == 3
     assert sum(len(gzip.compress(path.read_bytes())) for path in first) <= 120_000
+
+
+def test_the_built_files_came_of_the_sources_as_they_stand() -> None:
+    """By digests that the build wrote of both: a source edited since, or a file of another build, is named."""
+    service, pins = BUILT.parents[1], {"package-lock.json", "vite.config.ts", "index.html", "src/main.tsx"}
+    written: dict[str, str] = json.loads((BUILT / "built.json").read_bytes())
+    assert {f"workbench/{name}" for name in pins} <= written.keys()  # what a new source is imported by is read too
+    there = {path.relative_to(service).as_posix() for path in BUILT.rglob("*") if path.is_file()}
+    assert there - {"tailstack_service/workbench/built.json"} == {name for name in written if name in there}
+    found = {name: hashlib.sha256((service / name).read_bytes()).hexdigest() for name in written}
+    assert found == written, "build the page again: docs/workbench.md"
 
 
 @pytest.mark.long
