@@ -224,9 +224,15 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
     )
     objective, constraints = ca.cse([symbols.least * symbols.s + (1 - symbols.least) * cost, ca.vertcat(*expressions)])
     nlp = {"x": variables, "p": parameters, "f": objective, "g": constraints}
+    # Quantiles depend on everything, rules on few variables: one colouring for both would be that of the quantiles.
+    slopes = ca.vertcat(
+        *(ca.gradient(constraints[t], variables).T for t in range(len(terms))),
+        ca.jacobian(constraints[len(terms) :], variables),
+    )
+    jacobian = ca.Function("nlp_jac_g", [variables, parameters], [constraints, slopes], ["x", "p"], ["g", "jac_g_x"])
     learnt = LEARNT if len(movable) > EXACT_HESSIAN else {}
-    explore = make_solver("explore", nlp, EXPLORE | learnt)
-    shared = {"grad_f": explore.get_function("nlp_grad_f"), "jac_g": explore.get_function("nlp_jac_g")} | learnt
+    explore = make_solver("explore", nlp, EXPLORE | {"jac_g": jacobian} | learnt)
+    shared = {"grad_f": explore.get_function("nlp_grad_f"), "jac_g": jacobian} | learnt
     if not learnt:
         shared["hess_lag"] = explore.get_function("nlp_hess_l")
     return Program(
