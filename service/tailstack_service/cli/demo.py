@@ -168,7 +168,7 @@ def _change_lines(result: Optimisation) -> list[str]:
     lines = []
     if distances:
         line = f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm"
-        if result.moves is not None and result.moves.objective_left is not None:
+        if result.cost_before and result.moves is not None and result.moves.objective_left is not None:
             line += f"; cost of that: {percent_change(result.moves.objective_left, result.moves.objective_moved)}"
         lines.append(line)
     for _, group in groupby(result.tolerances, lambda tolerance: tolerance.contributor):
