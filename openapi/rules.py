@@ -35,7 +35,7 @@ UNSAID = {"text/plain"}  # means nothing without the parameter that says what th
 ITSELF = "get_openapi"  # answers with this very document, which is its own example
 
 COUNTS = frozenset(
-    {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
+    {"benches", "broken", "changes_left_out", "column",
      "compared_cells", "compared_trials", "converged_starts", "count", "counts", "evaluations", "exit_code",
      "fiducials", "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials",
      "min", "n", "open", "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused",
@@ -61,8 +61,8 @@ PRICES = frozenset(  # in the unit in which the design states its own prices
      "weight", "worth"}
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
-    {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "objective_as_aimed",
-     "objective_left", "objective_moved", "scaling", "start", "stop", "textbook_objective", "value", "values"}
+    {"half_widths", "limit", "objective", "objective_as_aimed",
+     "objective_left", "objective_moved", "scaling", "start", "stop", "value", "values"}
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(

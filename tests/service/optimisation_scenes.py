@@ -19,7 +19,6 @@ from tailstack.results import (
     MovesValue,
     MoveValue,
     Optimisation,
-    PlacementValue,
     Provenance,
     Relaxation,
     Reprojection,
@@ -99,7 +98,6 @@ def full_result(**changes: Any) -> Optimisation:
         "shadow_prices": (ShadowPrice("limit", "mm", -1800.0, "0.1 mm of limit is worth about 180"),),
         "binding": ("P95 at target 'tip'", "carrier rx at its largest"),
         "influence": (Finding("floor", "note", "moving fiducials cannot bring P95 at 'tip' below 0.98 mm"),),
-        "placement_value": PlacementValue("corners", 1150.0, 30, 3, 1400.0, 3000.0, 1101.5, "textbook costs 4 % more"),
         "moves": MovesValue(
             1300.0,
             1101.5,
@@ -138,6 +136,6 @@ def bare_result() -> Optimisation:
         objective="least P95 of the tcp error", cost_before=None, cost_after=0.0, cost_closed_form=None,
         cost_exact_law=None,
         p95_before_mm=None, moved=(MovedFiducial("F2", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),), tolerances=(), pivots=(),
-        scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, moves=None, counts=(),
+        scaling=None, shadow_prices=(), binding=(), influence=(), moves=None, counts=(),
         front=(),
     )  # fmt: skip

@@ -257,7 +257,7 @@ def test_an_optimised_design_has_its_parts_in_order() -> None:
     parts = (
         "Optimised: least cost", "tip-accuracy  ", "by estimate,", "cost: ",
         "scaling: ", "1.375",
-        "places of the fiducials: textbook", "fiducial,", "pivot", "tolerance ",
+        "moving: moving F1 alone", "fiducial,", "pivot", "tolerance ",
         "what keeps it from being better: P95 at target 'tip'; carrier", "trade-off: 0.1 mm of limit", "fiducials  ",
         "front: ", "Starts: ", "Lower bound: no allocation", "Ending: all 8 starts were solved",
         "Check: 1,048,576", "not included: ", "note: [floor] moving fiducials", "warning: [far-target]",
@@ -355,7 +355,7 @@ def test_counts_front_and_optima() -> None:
 
 def test_what_was_not_asked_for_is_not_there() -> None:
     text = detailed(bare_result())
-    for part in ("cost", "scaling:", "places of", "pivot", "half-width", "better:", "trade-off:", "front:"):
+    for part in ("cost", "scaling:", "moving:", "pivot", "half-width", "better:", "trade-off:", "front:"):
         assert part not in text
     assert "\n\n\n" not in text
     assert "verdict: pass" in text

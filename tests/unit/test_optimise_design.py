@@ -125,7 +125,6 @@ def test_same_seed_same_document_whatever_the_threads() -> None:
     assert one.design == two.design
     assert one.certificate == two.certificate
     assert one.counts == two.counts
-    assert one.placement_value == two.placement_value
 
 
 @pytest.mark.long
@@ -136,7 +135,6 @@ def test_another_seed_another_search_of_the_same_design() -> None:
     other, same = optimised(data), optimise(load_design(document(**moving(starts=7))), seed=5, starts=2)
     assert (one.certificate.seed, other.certificate.seed) == (1, 5)
     assert one.certificate.verification.seed != other.certificate.verification.seed
-    assert one.placement_value != other.placement_value  # other careless layouts
     assert other.cost_after == pytest.approx(one.cost_after, rel=0.005)
     assert same.design["fiducials"] == other.design["fiducials"]
     assert same.certificate.verification.targets == other.certificate.verification.targets

@@ -308,28 +308,6 @@ def test_no_bound_is_claimed_where_there_is_none(why: str, words: str) -> None:
     assert words in relaxation.statement
 
 
-@pytest.mark.long
-def test_what_placement_is_worth() -> None:
-    """independent: the corners of the box as a document of their own, its tolerances optimised."""
-    result = optimised(document(8, **moving()))
-    value = result.placement_value
-    assert value is not None
-    assert value.textbook == "the corners of the box"
-    corners = document(8, rotation_bounds=DEG)
-    ends = zip(BOX["min_mm"], BOX["max_mm"], strict=True)
-    for point, corner in zip(corners["fiducials"]["points"], product(*ends), strict=True):
-        point["position_mm"] = list(corner)
-    assert value.textbook_objective == pytest.approx(optimised(corners).cost_closed_form, rel=1e-5)
-    assert value.best == result.cost_closed_form
-    assert value.textbook_objective is not None
-    assert value.best <= value.textbook_objective * (1 + 1e-6)
-    assert 0 <= value.careless_infeasible <= value.careless_layouts <= 30
-    assert value.careless_median is not None
-    assert value.careless_worst is not None
-    assert value.best < value.careless_median <= value.careless_worst
-    assert f"{100 * (value.textbook_objective / value.best - 1):.2g} % of the cost" in value.sentence
-
-
 def placed() -> Optimisation:
     return optimised(document(**moving(objective="pareto", front={"points": 5})))
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 STAGES = {
     "view": "aim of the views", "layout": "starting layout", "programme": "programme", "point": "starting point",
     "start": "start", "polish": "polishing", "settle": "exact law", "check": "check", "front": "point of the front",
-    "compare": "layout compared with", "move": "layout with fewer moves",
+    "move": "layout with fewer moves",
 }  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 

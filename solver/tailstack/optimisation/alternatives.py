@@ -1,8 +1,7 @@
-"""What else could be had: the front of cost and limit, and what placement is worth.
+"""What else could be had: the front of cost and limit, and what another layout comes to.
 
-The front is the least cost at a row of limits, every point verified.  What the placement bought is told by the same
-budgets on a textbook layout and on careless ones: at a given layout only the half-widths are left
-(``allocation.py``).  All by the closed form, like the starts of the search."""
+The front is the least cost at a row of limits, every point verified.  At a given layout only the half-widths are left
+(``allocation.py``), by the closed form, like the starts of the search."""
 
 from __future__ import annotations
 
@@ -15,13 +14,13 @@ import numpy as np
 
 from ..errors import IllPosedError, InfeasibleError, NotConvergedError
 from ..geometry.arrays import Array
-from ..results import FrontPoint, PlacementValue
+from ..results import FrontPoint
 from ..scoring import vector3
 from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .margin import trials_for
 from .matching import take_nearest
-from .present import broken_rules, merit_of
+from .present import merit_of
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import OptimiseRequest, in_order
@@ -29,14 +28,12 @@ from .search import (
     Control,
     Search,
     evaluate_demands,
-    farthest,
     least_quantile,
     objective_for_people,
     start_at,
     worst_closed_ratio,
     worst_ratio,
 )
-from .starts import careless_layouts, textbook_layout
 from .task import OptimisationTask
 from .terms import is_singular
 from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
@@ -151,84 +148,6 @@ def _point(request: OptimiseRequest, search: Search, verified: VerifiedOptimum, 
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
         fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm[order]),
     )
-
-
-CARELESS = 30
-MANY = 1000.0  # times: more says nothing more
-
-
-def value_placement(search: Search, seed: int, control: Control) -> PlacementValue | None:
-    """Compare with what the placement would have been otherwise; None without free fiducials."""
-    problem, best = search.program.problem, search.best_objective
-    if not problem.places:
-        return None
-    value = value_layouts(search)
-    steering = farthest(problem, search.terms)
-    named = textbook_layout(problem)
-    textbook, textbook_value = "no textbook layout fits this region", None
-    if named is not None:
-        textbook, layout = named
-        if any(broken_rules(problem, steering, layout)):
-            textbook += ", which breaks a rule on spacing, view or keep-out"
-        textbook_value = value(layout)
-    objectives: list[float] = []
-    layouts = careless_layouts(problem, steering, CARELESS, seed)
-    tried = 0
-    for layout in layouts:
-        if control.stops():
-            break
-        tried += 1
-        reached = value(layout)
-        control.report("compare", tried, len(layouts), best)
-        if reached is not None:
-            objectives.append(reached)
-    median, worst = (float(np.median(objectives)), float(np.max(objectives))) if objectives else (None, None)
-    return PlacementValue(
-        textbook=textbook,
-        textbook_objective=textbook_value,
-        careless_layouts=tried,
-        careless_infeasible=tried - len(objectives),
-        careless_median=median,
-        careless_worst=worst,
-        best=best,
-        sentence=_sentence(problem, best, textbook if named else None, textbook_value, tried, objectives),
-    )
-
-
-def _sentence(
-    problem: PlacementProblem,
-    best: float,
-    textbook: str | None,
-    value: float | None,
-    tried: int,
-    objectives: list[float],
-) -> str:
-    """What the optimal placement saves, in words."""
-    what = "the error" if problem.objective == "quantile" else "the cost"
-    parts = []
-    if textbook is not None:
-        bought = "everything: it cannot meet the limit" if value is None else _part(value / best, what)
-        parts.append(f"against {textbook}, {bought}")
-    if tried:
-        failed = tried - len(objectives)
-        line = f"against {tried} random layouts, "
-        if failed:
-            line += f"everything for {failed} of them, which cannot meet the limit"
-        if objectives:
-            median, worst = (float(value) / best for value in (np.median(objectives), np.max(objectives)))
-            line += f"{', and ' if failed else ''}{_part(median, what)} (median{' of the others' if failed else ''}), "
-            line += f"{_part(worst, what)} (worst)"
-        parts.append(line)
-    return "with tolerances optimised alike, the new places save: " + "; ".join(parts) if parts else ""
-
-
-def _part(ratio: float, what: str) -> str:
-    """How much of ours the other one costs more."""
-    if ratio - 1 < 5e-5:
-        return "nothing"
-    if ratio < 2:
-        return f"{100 * (ratio - 1):.2g} % of {what}"
-    return f"{ratio - 1:.1f} times {what}" if ratio < MANY else f"more than {MANY:g} times {what}"
 
 
 def value_layouts(search: Search) -> Callable[[Array], float | None]:

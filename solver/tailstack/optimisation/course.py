@@ -13,7 +13,8 @@ exact law             the closed form corrected until the declared law itself is
 grades                what is bought from a table, and everything else around it (``grades``)
 check                 Monte Carlo with a fresh seed, the aim tightened until it passes; the design as it stands, where
                       that is better and passes too (``tightening``, ``present``)
-front, comparison     the same at other limits, at other layouts, and with fewer moves (``alternatives``, ``moves``)
+front, moves          the same at other limits, where the fiducials stand, and with fewer moves (``alternatives``,
+                      ``moves``)
 record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
                       ``certificate``, ``allocation``)
 ====================  =========================================================================================
@@ -31,7 +32,7 @@ from ..design import Design, load_design
 from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
-from .alternatives import trace_front, value_placement
+from .alternatives import trace_front
 from .moves import value_moves
 from .offer import weigh_offer
 from .placement import settle
@@ -59,8 +60,8 @@ def optimise(
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
     ``progress(stage, done, total, least objective so far)`` is called after every aim of views, layout to start from,
-    programme, point to start at, start, polished optimum, settled optimum, check, point of a front, layout compared
-    with and layout with fewer moves; what it raises ends the work.  ``stop()`` is polled; once it is true the best
+    programme, point to start at, start, polished optimum, settled optimum, check, point of a front and layout
+    with fewer moves; what it raises ends the work.  ``stop()`` is polled; once it is true the best
     found so far is settled, verified and returned, ``certificate.stopped`` says so.  The design returned is verified:
     the upper confidence limit of every quantile, from a fresh seed, is within its limit.
 
@@ -118,7 +119,6 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
         front: tuple[FrontPoint, ...] = ()
         if task.request.section.goal == "pareto":
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
-        value = None if task.request.graded else value_placement(optimum.search, task.seed, control)
         moves = None
         as_many = optimum.count == len(task.request.problem.system.fiducial_labels)
         if as_many and not (task.request.graded or optimum.kept):
@@ -126,7 +126,7 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
             wanted = task.request.section.fewest_moves or task.request.section.stay is not None
             labels = found.problem.system.fiducial_labels
             moves = value_moves(optimum.search, found.choice, labels, fewest=wanted, control=control)
-        return report(task, optimum, counts, front, value, moves)
+        return report(task, optimum, counts, front, moves)
 
 
 class Searcher(Protocol):

@@ -20,7 +20,6 @@ from ..results import (
     MovedPivot,
     MovesValue,
     Optimisation,
-    PlacementValue,
     ShadowPrice,
     ViewSearch,
 )
@@ -46,7 +45,6 @@ def report(
     verified: VerifiedOptimum,
     counts: tuple[CountTried, ...],
     front: tuple[FrontPoint, ...],
-    value: PlacementValue | None,
     moves: MovesValue | None,
 ) -> Optimisation:
     """Costs and P95 are recomputed from the new document as written."""
@@ -111,7 +109,6 @@ def report(
             *remark_levers(request.problem, now),
             *(remark for remark in task.remarks if remark.rule != "no-lever"),
         ),
-        placement_value=value,
         counts=tuple(
             replace(item, note=f"{item.note}; chosen") if item.fiducials == verified.count else item for item in counts
         ),

@@ -9,7 +9,6 @@ from .optimisation import MovedPivot as MovedPivot
 from .optimisation import MovesValue as MovesValue
 from .optimisation import MoveValue as MoveValue
 from .optimisation import Optimisation as Optimisation
-from .optimisation import PlacementValue as PlacementValue
 from .optimisation import Relaxation as Relaxation
 from .optimisation import ShadowPrice as ShadowPrice
 from .optimisation import SurvivedLoss as SurvivedLoss

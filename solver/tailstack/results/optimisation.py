@@ -283,28 +283,6 @@ class CountTried:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacementValue:
-    """What the placement bought, against a textbook layout and against careless ones, tolerances optimised alike."""
-
-    textbook: str
-    """What the textbook layout is, or why there is none."""
-    textbook_objective: float | None
-    """Its objective, tolerances optimised; null: it cannot meet the limit."""
-    careless_layouts: int
-    """Random layouts that keep the rules."""
-    careless_infeasible: int
-    """How many of them cannot meet the limit."""
-    careless_median: float | None
-    """Median objective of those that can; null where none can."""
-    careless_worst: float | None
-    """Largest objective of those that can; null where none can."""
-    best: float
-    """Objective of the optimum, by the same closed form."""
-    sentence: str
-    """The comparison as a sentence."""
-
-
-@dataclass(frozen=True, slots=True)
 class MoveValue:
     """What it buys to move one fiducial, or one group of a symmetry, and no other."""
 
@@ -383,8 +361,6 @@ class Optimisation(Result):
     """Limits and bounds that hold the optimum where it is."""
     influence: tuple[Finding, ...]
     """What the free variables can and cannot do, known before solving."""
-    placement_value: PlacementValue | None
-    """What the placement bought; null where nothing was placed."""
     counts: tuple[CountTried, ...]
     """The numbers of fiducials that were tried; empty where it was given."""
     front: tuple[FrontPoint, ...]

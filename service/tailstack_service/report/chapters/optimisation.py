@@ -257,7 +257,6 @@ def _costs(optimisation: Optimisation) -> Iterator[BlockGroup]:
     for word, decision in (
         ("a view more", optimisation.view_offer),
         ("views", optimisation.aimed),
-        ("places of the fiducials", optimisation.placement_value),
         ("moving", optimisation.moves),
     ):
         if decision is not None:
@@ -357,10 +356,9 @@ def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
         what = "Cost of half-widths and moves" if optimisation.cost_of_moves else "Cost of the half-widths"
         pairs.append((what, _compare_costs(optimisation, optimisation.cost_closed_form)))
     remarks = tuple(entry.message for entry in optimisation.influence)
-    worth = () if optimisation.placement_value is None else (optimisation.placement_value.sentence,)
     return (
         group(Facts("Certificate", tuple(pairs)), optima_table(optimisation)),
-        group(*((Bullets(listed),) if (listed := remarks + worth) else ()), on=PAPER),
+        group(*((Bullets(remarks),) if remarks else ()), on=PAPER),
     )
 
 
