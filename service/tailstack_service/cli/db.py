@@ -1,4 +1,4 @@
-"""Create, check and mend the database of jobs of TAILSTACK_DATABASE (empty: a SQLite file of yours)."""
+"""Create and check the database of jobs of TAILSTACK_DATABASE (empty: a SQLite file of yours)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_database, read_settings
 
-HELP = "migrate, check or mend the database of jobs"
+HELP = "migrate or check the database of jobs"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,10 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check = actions.add_parser(
         "check", help="look at every job, unit and result; exit code 3 if one is wrong", allow_abbrev=False
     )
-    mend = actions.add_parser(
-        "mend", help="fail jobs whose stored answers are damaged, so that they can be asked again", allow_abbrev=False
-    )
-    for action in (migrate, check, mend):
+    for action in (migrate, check):
         add_database(action)
 
 
@@ -33,19 +30,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"
         print(f"{_hide_password(url)}: {words} schema version {after}", file=sys.stderr)
         return Answer("")
-    return _mend(url) if arguments.action == "mend" else _check(url)
-
-
-def _mend(url: str) -> Answer:
-    from ..jobs.store.results import mend
-    from ..jobs.store.schema import open_database
-
-    db = open_database(url)
-    try:
-        answers, jobs = mend(db)
-    finally:
-        db.close()
-    return Answer(f"{answers} damaged answers deleted; {jobs} jobs that came to them now fail with store-error\n")
+    return _check(url)
 
 
 def _check(url: str) -> Answer:

@@ -85,27 +85,12 @@ def count_damaged(connection: Connection) -> int:
     return int(connection.execute(sa.select(sa.func.count()).select_from(tables.damages)).scalar_one())
 
 
-def mend(db: Database) -> tuple[int, int]:
-    """Condemn every answer that is damaged.  Returns how many answers, and how many jobs fail because of them."""
-    with reading(db) as connection:
-        names = [*find_changed_results(connection), *find_missing_results(connection)]
-    condemned = [condemn(db, name) for name in names]
-    return len(names), sum(condemned)
-
-
 def find_changed_results(connection: Connection) -> Iterator[str]:
     """The names of results that do not hash to them."""
     r = tables.results
     for name in connection.execute(sa.select(r.c.sha256).order_by(r.c.sha256)).scalars().all():
         if digest(connection.execute(sa.select(r.c.body).where(r.c.sha256 == name)).scalar_one()) != name:
             yield name
-
-
-def find_missing_results(connection: Connection) -> Iterator[str]:
-    """The names of results that jobs came to and that are not there."""
-    there = sa.exists().where(_RESULT.sha256 == _JOB.result_sha256)
-    query = sa.select(_JOB.result_sha256).where(_JOB.result_sha256.is_not(None), ~there).distinct()
-    return iter(connection.execute(query).scalars().all())
 
 
 def find_changed_requests(connection: Connection) -> Iterator[str]:
