@@ -18,7 +18,6 @@ from store_scenes import (
     claim,
     claim_one,
     find,
-    find_id,
     finish,
     record,
     specs,
@@ -316,12 +315,6 @@ def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) 
     assert claim(store) == []
 
 
-def test_an_advance_that_needs_no_units_answers_at_once(store: Database) -> None:
-    job = submit(store)
-    assert record(store, claim_one(store), answer=b"{}")
-    assert find(store, job).state == "succeeded"
-
-
 def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store: Database) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
@@ -361,88 +354,6 @@ def test_an_empty_result_is_a_result(store: Database) -> None:
     split(store, 1)
     assert record(store, claim_one(store), result=b"")
     assert claim_one(store).results == (UnitResult(1, b'{"unit":1}', b""),)
-
-
-def test_a_lease_that_ran_out_is_given_to_another_and_the_first_can_no_longer_record(
-    store: Database, clock: Clock
-) -> None:
-    job = split(store, 1)
-    frozen = claim_one(store, "frozen")
-    clock.advance(LEASE)
-    assert claim(store, "other") == []  # to the moment
-    clock.advance(0.001)
-    taken = claim_one(store, "other")
-    assert (taken.index, taken.token, taken.attempts) == (frozen.index, frozen.token + 1, frozen.attempts + 1)
-    before = find(store, job), stored_units(store, job.id)
-
-    assert not record(store, frozen, result=b"late")
-    assert not record(store, frozen, problem=PROBLEM)
-    queue.release(store, frozen, died=True)
-    assert queue.renew(store, "frozen", [frozen], LEASE) == [frozen]
-    assert (find(store, job), stored_units(store, job.id)) == before
-
-    assert record(store, taken, result=b"in time")
-    assert not record(store, frozen, result=b"late")
-    assert claim_one(store).results[0].result == b"in time"
-
-
-def test_a_lease_that_ran_out_unnoticed_is_still_its_holders(store: Database, clock: Clock) -> None:
-    """After a pause of everybody (the database was away) nothing has to be computed again."""
-    split(store, 2)
-    one, two = claim(store, limit=2)
-    clock.advance(10 * LEASE)
-    assert queue.renew(store, "w1", [one], LEASE) == []
-    assert [held.index for held in claim(store, "other", limit=5)] == [two.index]
-    assert record(store, one, result=b"x")
-
-
-def test_renewed_leases_hold_and_lost_ones_are_named(store: Database, clock: Clock) -> None:
-    cancelled, kept = split_each(store, clock, 1, 3)
-    held = claim(store, limit=4)
-    of_cancelled = next(one for one in held if one.job_id == cancelled.id)
-    recorded, returned, mine = (one for one in held if one.job_id == kept.id)
-    assert queue.renew(store, "w1", held, LEASE) == []
-    for _ in range(5):
-        clock.advance(LEASE - 1)
-        assert queue.renew(store, "w1", held, LEASE) == []
-        assert claim(store, "other", limit=9) == []
-    jobs.cancel_job(store, "acme", cancelled.id)
-    assert record(store, recorded, result=b"x")
-    queue.release(store, returned, died=False)
-    # What is recorded is not lost: nobody else will compute it
-    assert queue.renew(store, "w1", held, LEASE) == [of_cancelled, returned]
-    assert queue.renew(store, "w1", [], LEASE) == []
-    assert record(store, mine, result=b"y")
-
-
-def test_recording_again_after_an_unknown_commit_says_that_it_is_recorded(store: Database) -> None:
-    job = submit(store)
-    first = claim_one(store)
-    steps: list[tuple[Any, dict[str, Any]]] = [(first, {"more": specs(1)})]
-    assert record(store, first, more=specs(1))
-    unit = claim_one(store)
-    assert record(store, unit, result=b"x")
-    steps.append((unit, {"result": b"x"}))
-    last = claim_one(store)
-    assert record(store, last, answer=b"{}")
-    steps.append((last, {"answer": b"{}"}))
-    before = find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)
-    for held, outcome in steps:
-        assert record(store, held, **outcome)
-    assert (find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)) == before
-
-
-def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database) -> None:
-    split(store, 1)
-    held = claim_one(store)
-    queue.release(store, held, died=False)
-    again = claim_one(store, "other")
-    assert (again.index, again.token, again.attempts, again.deaths) == (held.index, held.token + 1, 2, 0)
-    queue.release(store, held, died=True)  # too late: it is another's
-    assert not record(store, held, result=b"late")
-    assert record(store, again, result=b"x")
-    queue.release(store, again, died=True)
-    assert find(store, find_id(store, again.job_id)).state == "running"
 
 
 def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:
@@ -556,55 +467,6 @@ def test_a_large_job_is_advanced_before_younger_ones_are_begun(store: Database, 
     submit(store)
     held = claim_one(store)
     assert (held.job_id, held.spec) == (large.id, ADVANCE)
-
-
-def test_another_version_waits_while_its_workers_live_then_the_job_is_begun_anew(store: Database, clock: Clock) -> None:
-    """Versions 1, 2 and 3 of the solver: each takes over only from those that are gone."""
-    alive(store, "w1", "1.0")
-    alive(store, "w2", "2.0")
-    job = split(store, 3)
-    old = claim_one(store, "w1")
-    assert claim(store, "w2", limit=9, solver_version="2.0") == []
-    clock.advance(0.01)
-    of_two = submit(store, solver_version="2.0")
-    assert [held.job_id for held in claim(store, "w2", limit=9, solver_version="2.0")] == [of_two.id]
-
-    clock.advance(LEASE + 1)
-    alive(store, "w2", "2.0")  # w1 has fallen silent
-    taken = claim_one(store, "w2", solver_version="2.0")
-    assert (taken.job_id, taken.index, taken.generation, taken.spec) == (job.id, 0, 2, ADVANCE)
-    reset = find(store, job)
-    assert (reset.state, reset.solver_version, reset.generation) == ("running", "2.0", 2)
-    assert (reset.units_done, reset.units_expected) == (0, 1)
-    last = events.read_events(store, "acme", job.id, 0, 99)[-1]
-    assert (last.name, last.data) == ("recomputed", {"from": "1.0", "to": "2.0"})
-
-    assert not record(store, old, result=b"late")  # the frozen worker of version 1 wakes
-    assert queue.renew(store, "w1", [old], LEASE) == [old]
-    queue.release(store, old, died=True)
-    assert find(store, job) == reset
-
-    alive(store, "w3", "3.0")
-    queue.release(store, taken, died=False)
-    assert claim(store, "w3", solver_version="3.0", limit=9) == []
-    workers.remove_worker(store, "w2")  # an end in order: nobody waits for a lease
-    again = claim(store, "w3", solver_version="3.0", limit=9)
-    assert [(held.job_id, held.generation, held.index) for held in again if held.job_id == job.id] == [(job.id, 3, 0)]
-    assert record(store, next(held for held in again if held.job_id == job.id), answer=b"{}")
-    assert find(store, job).solver_version == "3.0"
-
-
-def test_many_units_of_another_version_are_replaced_by_one(store: Database) -> None:
-    job = split(store, 10)
-    first = claim(store, limit=3)
-    for held in first:
-        assert record(store, held, result=b"old")
-    taken = claim(store, "w2", limit=9, solver_version="2.0")
-    assert [(held.index, held.generation, held.results) for held in taken] == [(0, 2, ())]
-    assert record(store, taken[0], more=specs(1))
-    assert record(store, claim_one(store, solver_version="2.0"), result=b"new")
-    assert [one.result for one in claim_one(store, solver_version="2.0").results] == [b"new"]
-    assert find(store, job).units_expected == 3
 
 
 def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Database) -> None:
