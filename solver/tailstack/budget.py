@@ -112,35 +112,21 @@ def _row(
     line: BudgetEntry, share: float, without_mm: float, sensitivity: float, slope: float, localisation_share: float
 ) -> Contributor:
     """A line with its numbers, those of one unit only where all its sources are alike."""
-    block, j = line.block, line.sources[0]
-    if not line.alike:
-        law = str(block.laws[j]) if len({block.laws[k] for k in line.sources}) == 1 else "mixed"
-        return Contributor(
-            block.contributor,
-            line.component,
-            law,
-            None,
-            "",
-            None,
-            None,
-            share,
-            None,
-            without_mm,
-            block.label,
-            localisation_share,
-        )
+    block, j, alike = line.block, line.sources[0], line.alike
     unit, factor = unit_for_people(block.units[j])
+    one_law = alike or len({block.laws[k] for k in line.sources}) == 1
     return Contributor(
         name=block.contributor,
         component=line.component,
-        law=str(block.laws[j]),
-        half_width=float(block.half_width[j]) * factor,
-        unit=unit,
-        std=float(block.std[j]) * factor,
-        sensitivity_mm_per_unit=sensitivity / factor,
+        law=str(block.laws[j]) if one_law else "mixed",
+        half_width=float(block.half_width[j]) * factor if alike else None,
+        unit=unit if alike else "",
+        std=float(block.std[j]) * factor if alike else None,
+        sensitivity_mm_per_unit=sensitivity / factor if alike else None,
         variance_share=share,
-        dp95_per_unit=slope / factor,
+        dp95_per_unit=slope / factor if alike else None,
         p95_without_mm=without_mm,
         label=block.label,
         localisation_share=localisation_share,
+        drawn=str(block.drawn),
     )

@@ -23,6 +23,8 @@ from tailstack.levels import RISKS, Drawn
 from tailstack.montecarlo.chain import draw
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation import optimise
+from tailstack.results.score import budget_table
+from tailstack.results.tables import On
 from tailstack.scoring import score
 from tailstack.system import Law, Requirement, System
 from tailstack.verification import verify
@@ -138,6 +140,23 @@ def test_the_document_says_the_level_and_a_default_leaves_the_hash() -> None:
     data["interfaces"]["structure_connector"]["drawn"] = "week"
     with pytest.raises(DesignError, match="unit, mounting, shot"):
         load_design(data)
+
+
+def test_the_budget_says_how_often_each_contributor_is_drawn() -> None:
+    """As the table of docs/design.md has it, unless the document says another level; what is known is not drawn."""
+    data = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
+    data["interfaces"]["structure_connector"]["drawn"] = "mounting"
+    data["fiducials"]["manufacturing"]["drawn"] = "shot"
+    data["fiducials"]["diameter_mm"] = 2.0  # the balls' images: known
+    found = score(load_design(data), losses=False)
+    lines = found.targets[0].contributors
+    once = {"structure_connector": "mounting", "connector_flange": "unit", "ball_images": None}
+    assert {line.name for line in lines} > once.keys() | {"execution", "fiducial_manufacturing"}
+    assert {line.name: line.drawn for line in lines} == {line.name: once.get(line.name, "shot") for line in lines}
+    table = budget_table(found.targets[0]).on(On.SHEET)
+    drawn = [column.title for column in table.columns].index("Drawn per")
+    words = {row.cells[0]: row.cells[drawn] for row in table.rows if row.depth == 0}
+    assert {*Drawn, None} == set(words.values())
 
 
 def test_the_optimiser_names_what_it_cannot_draw_again() -> None:

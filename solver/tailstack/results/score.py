@@ -66,6 +66,8 @@ class Contributor:
     """Share of the trace of the covariance of the localisation error, 0 to 1: that before connector_flange, hand_eye
     and execution, which have none.
     """
+    drawn: str | None = None
+    """It takes a new value once per unit, mounting or shot; null for what does not vary, and in older records."""
 
     @property
     def slope(self) -> float:
@@ -488,7 +490,7 @@ class BudgetLine(NamedTuple):
 BUDGET_NOTE = (
     "Half-width, standard deviation and sensitivity are per component in the unit named (image noise: one standard "
     "deviation); dP95/dh is what one unit of it changes P95 by. A line of a whole contributor sums up the components "
-    "below it, and has a half-width where all of them have the same."
+    "below it, and has a half-width where all of them have the same. Drawn per: how often a source takes a new value."
 )
 SMALL = {On.PLAIN | On.NOTEBOOK: 5e-3, On.DETAIL: 5e-4}  # share of the variance below which components are summed up
 
@@ -498,6 +500,7 @@ def budget_columns(decimals: int) -> tuple[Column, ...]:
     return (
         Column("Contributor", brief="source of error", of=lambda row: row.label),
         Column("Law", on=IN_DETAIL, of=lambda row: row.line.law),
+        Column("Drawn per", on=IN_DETAIL, of=lambda row: row.line.drawn),
         Column("Half-width", "unit", "given", brief="±\n", of=lambda row: row.width[0]),
         Column("Unit", kind="unit", brief="unit\n", of=lambda row: row.width[1]),
         Column("Std", "unit", "significant", on=IN_DETAIL, of=lambda row: row.line.std),

@@ -181,7 +181,7 @@ export function Contributors() {
             const asked = unfolded.value.get(family.key), open = asked ?? (!family.line || rankOf(family) >= SMALL);
             return (
               <tbody key={family.key}>
-                <Entry row={family} target={target} share={family.line || family.parts.some(({ line }) => line) ? shareOf(family) : undefined} slack={slack(family)}
+                <Entry row={family} parts={family.parts} target={target} share={family.line || family.parts.some(({ line }) => line) ? shareOf(family) : undefined} slack={slack(family)}
                   fold={family.parts.length ? { open, turn: () => (unfolded.value = new Map([...unfolded.value, [family.key, !open]])) } : undefined} />
                 {family.parts.filter(({ slide }) => open || (asked === undefined && slide)).map((part) => <Entry key={part.slide?.path.join("/") ?? part.name} row={part} target={target} share={part.line?.variance_share} slack={slack(part)} below />)}
               </tbody>
@@ -204,19 +204,21 @@ function blame(target: TargetScore, { name, line, ...first }: Family): string {
 
 interface Of {
   row: Row;
+  parts?: Row[]; // of a family, which all are drawn as often
   target?: TargetScore;
   share?: number;
   slack: Slack | null;
   fold?: { open: boolean; turn(): void };
   below?: boolean;
 }
-function Entry({ row: { name, line, slide }, target, share, slack, fold, below = false }: Of) {
+function Entry({ row: { name, line, slide }, parts, target, share, slack, fold, below = false }: Of) {
   const old = target && before.value.estimate?.record.targets.find((each) => each.name === target.name), was = line && old?.contributors.find((each) => each.name === line.name && each.component === line.component);
   const d = decimals.value + 1, by = target && old && was && share !== undefined ? Number((spread(target, share) - spread(old, was.variance_share)).toFixed(d)) : 0; // mm: a share also grows where others fall
+  const level = (line ?? parts?.[0]?.line)?.drawn;
   const stated = slide ? <Slider slide={slide} stop={slack?.value ?? null} /> : line?.half_width != null && `${brief(line.half_width)} ${unit(line.unit)}`;
   return (
     <tr class={`${below ? "below" : ""}${slide ? " slide" : ""}`}>
-      <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}</th>
+      <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}{level && !below && <span class="drawn" title="how often it takes a new value">{` per ${level}`}</span>}</th>
       {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{slack.words}{slide && slack.value !== null && slack.value !== valueAt(design.value, slide.path) && <>{" "}<button type="button" class="small" onClick={() => edit([{ path: slide.path, value: slack.value }], `${slide.label} to its limit`)}>take it</button></>}</span>}</td>}
       <td class="number share">
         {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}
