@@ -500,7 +500,6 @@ def budget_columns(decimals: int) -> tuple[Column, ...]:
     return (
         Column("Contributor", brief="source of error", of=lambda row: row.label),
         Column("Law", on=IN_DETAIL, of=lambda row: row.line.law),
-        Column("Drawn per", on=IN_DETAIL, of=lambda row: row.line.drawn),
         Column("Half-width", "unit", "given", brief="±\n", of=lambda row: row.width[0]),
         Column("Unit", kind="unit", brief="unit\n", of=lambda row: row.width[1]),
         Column("Std", "unit", "significant", on=IN_DETAIL, of=lambda row: row.line.std),
@@ -518,6 +517,7 @@ def budget_columns(decimals: int) -> tuple[Column, ...]:
             "A tenth tighter saves", "mm", "saving", decimals, On.PLAIN | On.NOTEBOOK | On.SHEET,
             "a tenth tighter\nsaves, mm", of=lambda row: tenth_of(row.parts or (row.line,)),
         ),
+        Column("Drawn per", on=IN_DETAIL, of=lambda row: row.line.drawn),
     )  # fmt: skip
 
 
