@@ -14,12 +14,13 @@ import numpy as np
 from tailstack.design import load_design
 from tailstack.errors import InfeasibleError
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation.alternatives import value_placement
+from tailstack.optimisation.alternatives import value_layouts
 from tailstack.optimisation.exact_law import ExactQuantile, exact_quantile, image_parts
 from tailstack.optimisation.placement import settle
+from tailstack.optimisation.present import broken_rules
 from tailstack.optimisation.problem import PlacementProblem, apply_choice, present_choice
 from tailstack.optimisation.request import read_request
-from tailstack.optimisation.search import Control, Search, farthest, objective_for_people, search
+from tailstack.optimisation.search import Search, farthest, objective_for_people, search
 from tailstack.optimisation.starts import careless_layouts, textbook_layout
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import validity
@@ -215,17 +216,21 @@ def least_cost(scene: Scene, starts: int = 8) -> Costs:
 def costs_of(found: Search, seed: int) -> Costs:
     """What a search came to, and the comparison."""
     best = objective_for_people(found.program, found.iterates[0].point.objective)
-    value = value_placement(found, seed, Control(threads=1))
-    assert value is not None  # there are free fiducials
+    problem, value = found.program.problem, value_layouts(found)
+    steering = farthest(problem, found.terms)
+    named = textbook_layout(problem)
+    assert named is not None  # a box has one
+    careless = [value(layout) for layout in careless_layouts(problem, steering, CARELESS, seed)]
+    reached = [cost for cost in careless if cost is not None]
     exact = settle(found, np.ones(1))
     return Costs(
         best=best,
         exact=exact.cost,
-        textbook=value.textbook_objective,
-        textbook_breaks_rule="breaks" in value.textbook,
-        careless_median=value.careless_median,
-        careless_worst=value.careless_worst,
-        careless_infeasible=value.careless_infeasible,
+        textbook=value(named[1]),
+        textbook_breaks_rule=any(broken_rules(problem, steering, named[1])),
+        careless_median=float(np.median(reached)) if reached else None,
+        careless_worst=max(reached, default=None),
+        careless_infeasible=len(careless) - len(reached),
         half_width_deg=np.rad2deg(exact.choice.half_width),
         layout_mm=exact.choice.fiducials_mm,
         pivot_mm=exact.choice.pivots_mm,
