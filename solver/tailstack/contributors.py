@@ -20,6 +20,7 @@ from .system import Law, Requirement
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw, law_summary
+from .tail.per_unit import UnitRisk, unit_risk
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
 NORMAL, BOUNDED = -1, -2  # beside the places in SUMS of those that have columns in a law
@@ -186,6 +187,24 @@ def error_law(model: ErrorModel, error: str, quantile: float, value: Value | Non
     worst = worst_case(model, error, quantile, law=law, value=value)
     law = replace(law, mean=worst.mean_mm)
     return ErrorLaw(error, worst, columns, law, law.total_covariance)
+
+
+def risk_of_units(
+    model: ErrorModel,
+    at: ErrorLaw,
+    quantile: float,
+    limit: float | None,
+    fraction: float,
+    level: Drawn = Drawn.UNIT,
+) -> UnitRisk:
+    """What ``fraction`` of installed units, or of mountings, keep their own quantile within, and how many keep a
+    limit.
+
+    What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
+    """
+    once = at.columns.held(level)
+    installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
+    return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
 
 def worst_case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, isinf
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .budget import budget
-from .contributors import ErrorLaw, error_law, law_of, value_of
+from .contributors import ErrorLaw, error_law, risk_of_units, value_of
 from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import OutOfRangeError
@@ -19,6 +20,7 @@ from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
 from .levels import Drawn
+from .levers import list_levers, worth_of
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
 from .measures.measure import Site
@@ -37,6 +39,7 @@ from .results import (
     Check,
     Finding,
     Interval,
+    Lever,
     Loss,
     Losses,
     Matrix3,
@@ -58,7 +61,7 @@ from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, LinearLaw, PairLaw, law_exceedance, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
-from .tail.per_unit import UnitRisk, unit_risk
+from .tail.per_unit import UnitRisk
 from .verdict import conclude, judge
 from .version import __version__
 
@@ -90,9 +93,9 @@ def score(
 
     ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
     where it does not).  ``losses``: whether the worst loss of one fiducial and of two is looked for, half as long
-    again.  ``reliability`` adds, for each view and fiducial, the smallest slip of its image that a test of residuals
-    notices, and what one below it does.  Raises DesignError for a document that breaks its rules and IllPosedError for
-    a geometry that does not determine the answer.
+    again, and how far each lever leads by itself.  ``reliability`` adds, for each view and fiducial, the smallest slip
+    of its image that a test of residuals notices, and what one below it does.  Raises DesignError for a document that
+    breaks its rules and IllPosedError for a geometry that does not determine the answer.
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
@@ -108,11 +111,12 @@ def score(
     if search is not None and system.loss_probability:
         trust = trust_over_shots(trust, search)
         findings += (_remark_missed(search, trust),)
+    targets = tuple(
+        _score_target(system, metrics[name, "tcp"], metrics[name, "localisation"], second_order) for name in models
+    )
     return Score(
         schema="tailstack/score/1",
-        targets=tuple(
-            _score_target(system, metrics[name, "tcp"], metrics[name, "localisation"], second_order) for name in models
-        ),
+        targets=targets,
         validity=trust,
         views=views,
         verdict=conclude(checks, findings, basis_of("first order", system)),
@@ -120,7 +124,19 @@ def score(
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
         measures=tuple(_score_measure(metrics[metric.key], metric.site) for metric in system.derived_metrics),
+        levers=tuple(_levers(design, system, metrics, targets)) if losses and not system.loss_probability else (),
     )
+
+
+def _levers(
+    design: Design | System, system: System, metrics: Mapping[tuple[str, str], ErrorScore], told: Sequence[TargetScore]
+) -> Iterator[Lever]:
+    for item in _limited(system):
+        models = [metrics[name, item.error].model for name in item.targets]
+        by_budget = item.error == "tcp" and item.is_quantile and item.risk == "pooled" and item.quantile == P95
+        budgets = [each.contributors for each in told if by_budget and each.name in item.targets]
+        if not MEASURE[item.error].paired:
+            yield from list_levers(None if isinstance(design, System) else design.document, item, models, budgets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +173,18 @@ def _fields(metric: MetricScore) -> dict[str, Any]:
     return {field: getattr(metric, field) for field in MetricScore.__dataclass_fields__}
 
 
+def _limited(system: System) -> tuple[Requirement, ...]:
+    """Every requirement; without one, P95 of the error at the tool without a limit."""
+    every = tuple(target.name for target in system.targets)
+    return system.requirements or (Requirement("", "tcp", P95, inf, P95, every),)
+
+
 def _losses(
     system: System, search: LossSearch, checks: tuple[Check, ...], metrics: dict[tuple[str, str], ErrorScore]
 ) -> tuple[Losses, ...]:
     """What losses do to every requirement; without one, to P95 of the error at the tool."""
-    every = tuple(target.name for target in system.targets)
-    whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
-    for item in system.requirements or (whole,):
+    for item in _limited(system):
         if not item.is_quantile or MEASURE[item.error].paired:  # what is lost is looked for by quantiles of one length
             continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
@@ -184,10 +204,7 @@ def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
     loss = search.worst(lost, item.error, item.quantile, item.targets)
     if item.units_fraction is None or loss.value is None:
         return loss
-    model = search.model_without(loss.target, item.error, loss.lost)
-    at = error_law(model, item.error, item.quantile)
-    risk = risk_of_units(model, at, item.quantile, item.limit, item.units_fraction, item.level or Drawn.UNIT)
-    return replace(loss, value=risk.value_mm)
+    return replace(loss, value=worth_of(item, search.model_without(loss.target, item.error, loss.lost)))
 
 
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
@@ -271,24 +288,6 @@ class ErrorScore:
     def unit_risk(self, quantile: float, limit: float | None, fraction: float, level: Drawn = Drawn.UNIT) -> UnitRisk:
         """:func:`risk_of_units`; no fiducial missed."""
         return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction, level)
-
-
-def risk_of_units(
-    model: ErrorModel,
-    at: ErrorLaw,
-    quantile: float,
-    limit: float | None,
-    fraction: float,
-    level: Drawn = Drawn.UNIT,
-) -> UnitRisk:
-    """What ``fraction`` of installed units, or of mountings, keep their own quantile within, and how many keep a
-    limit.
-
-    What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
-    """
-    once = at.columns.held(level)
-    installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
-    return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
 
 def _score_metrics(

@@ -18,6 +18,8 @@ from .effort import Size, score_seconds
 from .operation import Call, Command, LateImport, Operation
 from .options import Options, refuse_unknown_target
 
+SEARCH_SECONDS = 5.0
+
 
 class ScoreOptions(Options):
     """How a score is computed."""
@@ -26,8 +28,15 @@ class ScoreOptions(Options):
     reliability: Annotated[bool, Flag("add the smallest slip of each image that would be noticed")] = Field(
         False, description="Add the smallest slip of each fiducial's image that its residuals give away."
     )
-    losses: Annotated[bool, Flag("do not look for the worst loss of fiducials")] = Field(
-        True, description="Look for the worst loss of one fiducial and of two. Without it, a score takes a third less."
+    losses: Annotated[bool, Flag("look neither for the worst loss of fiducials nor at levers")] = Field(
+        True,
+        description="Look for the worst loss of one fiducial and of two, and at what each lever leads to by itself. "
+        "Without it, a score takes a third less.",
+    )
+    search: bool = Field(
+        False,
+        description="Search what moving fiducials leads to by itself, and one view more, within what the design's "
+        "optimise section allows: seconds. Needs losses.",
     )
 
     @classmethod
@@ -36,18 +45,24 @@ class ScoreOptions(Options):
             record,
             second_order=any(target.second_order.status != "not requested" for target in record.targets),
             reliability=bool(record.reliability),
-            losses=bool(record.losses),
+            losses=bool(record.losses or record.levers),
+            search=any(lever.how == "found" for lever in record.levers),
         )
 
     def seconds(self, sizes: Iterable[Size]) -> float:
-        return score_seconds(sizes, second_order=self.second_order, losses=self.losses)
+        return score_seconds(sizes, second_order=self.second_order, losses=self.losses) + self.search * SEARCH_SECONDS
 
 
 def _score(call: Call) -> Score:
     from tailstack.scoring import score
 
-    options = call.options
-    return score(call.design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
+    options, design = call.options, call.design
+    found = score(design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
+    if not options.search:
+        return found
+    from .levers import search_levers
+
+    return search_levers(design, found)
 
 
 # --- the command ------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, Contributor, Interval, TargetScore
+from tailstack.results import ERRORS, Check, Contributor, Interval, Lever, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
@@ -84,28 +84,22 @@ def draw_shares(contributors: Sequence[Contributor], target: str, name: str = "w
         return page.svg(f"Budget at target {target}: shares of the variance", listed + ".")
 
 
-def draw_without(
-    contributors: Sequence[Contributor], target: str, p95_mm: float, limit_mm: float | None, name: str = "without",
-    decimals: int = 3,
-) -> str:  # fmt: skip
-    """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
-    lines = [entry for entry in single_lines(contributors) if entry.p95_without_mm < p95_mm]
-    lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST_BARS]
-    rows = BarRows.of([budget_line(entry) for entry in lines] or ["nothing is random"], LETTERS)
+def draw_levers(levers: Sequence[Lever], check: Check, name: str = "levers", decimals: int = 3) -> str:
+    """How far each lever leads a requirement by itself, from its value as it is, with the limit across."""
+    what = f"{check.headline}, {check.unit}"
+    rows = BarRows.of([lever.label for lever in levers], LETTERS)
     with open_page(name, rows.height + 82) as page:
-        axes = rows.axes(page, NAMES, 34, WIDTH - 90, "estimated P95 at the target, mm")
-        axes.set_xlim(0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9))
-        for middle, entry in zip(rows.middles, lines, strict=False):
-            axes.barh(middle, p95_mm, height=ROW - 6, color=BAR_PALE)
-            axes.barh(middle, entry.p95_without_mm, height=ROW - 6, color=BAR)
-            beside(axes, (0.0, middle), decimal(entry.p95_without_mm, decimals), (6, -4))
-        ours, theirs = sides(p95_mm, limit_mm)
-        upright(axes, p95_mm, millimetres(p95_mm, "P95", decimals), VALUE_COLOUR, ours)
-        if limit_mm is not None:
-            upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
-        listed = "; ".join(f"without {budget_line(entry)} {entry.p95_without_mm:.{decimals}f} mm" for entry in lines)
-        words = f"P95 is {p95_mm:.{decimals}f} mm. {listed}."
-        return page.svg(f"P95 at target {target} without each contributor", words)
+        axes = rows.axes(page, NAMES, 34, WIDTH - 90, f"estimated {what}")
+        axes.set_xlim(0, 1.08 * max(check.value, check.limit, 1e-9))
+        for middle, lever in zip(rows.middles, levers, strict=True):
+            axes.barh(middle, check.value, height=ROW - 6, color=BAR_PALE)
+            axes.barh(middle, lever.value, height=ROW - 6, color=BAR)
+            beside(axes, (0.0, middle), decimal(lever.value, decimals), (6, -4))
+        ours, theirs = sides(check.value, check.limit)
+        upright(axes, check.value, f"as it is {check.value:.{decimals}f}", VALUE_COLOUR, ours)
+        upright(axes, check.limit, f"limit {check.limit:g}", LIMIT_COLOUR, theirs, DASHED)
+        listed = "; ".join(f"{lever.label} {lever.value:.{decimals}f}" for lever in levers)
+        return page.svg(f"{check.requirement}: how far each lever leads by itself", f"{what}: {listed}.")
 
 
 # --- the error ------------------------------------------------------------------------------------

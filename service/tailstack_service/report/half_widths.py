@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from tailstack.budget import BudgetEntry, lines_of
-from tailstack.contributors import error_law, unit_for_people
+from tailstack.contributors import error_law, risk_of_units, unit_for_people
 from tailstack.design import Design, compile_design
 from tailstack.levels import Drawn, level_of
 from tailstack.propagation.linear import LinearModel, linearise
-from tailstack.scoring import risk_of_units
 from tailstack.tail.declared import law_quantile
 
 from .headline import tightest_check

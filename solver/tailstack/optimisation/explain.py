@@ -20,7 +20,7 @@ from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedEr
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..levels import Drawn
-from ..propagation.linear import ErrorModel, effects_of_images
+from ..propagation.linear import ErrorModel, effects_of_images, with_perfect_fiducials
 from ..results import Finding
 from ..results.digits import at_least, at_most
 from ..system import Requirement, System, Way
@@ -417,12 +417,3 @@ def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | 
         floor,
         demand.requirement.limit,
     )
-
-
-def with_perfect_fiducials(model: ErrorModel, error: str) -> ErrorModel:
-    """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
-    what moves their images together; and without any bias where some of it comes that way too."""
-    rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
-    if not model.imaged_bias_mm(error).any():
-        return replace(model, blocks=rest)
-    return replace(model, blocks=rest, biases=dict.fromkeys(model.biases, np.zeros(3)))

@@ -57,7 +57,7 @@ def aim_views(
     Raises what ``solve`` raises at the aim with the best score where no aim that is solved gives a design.
     """
     search = AimSearch(design, solve, control)
-    present = tuple(_present_distance(design, free.view) for free in search.free)
+    present = tuple(present_distance(design, free.view) for free in search.free)
     start = tuple(
         Aim(0.0, 0.0, distance if limits is None else min(max(distance, limits[0]), limits[1]))
         for distance, limits in zip(present, (free.source_isocentre_mm for free in search.free), strict=True)
@@ -103,7 +103,7 @@ class AimSearch:
             place, view = find_view(self.design, free.view)
             if aim.right_deg or aim.up_deg:
                 written[place] = turn_entry(written[place], view, aim.right_deg, aim.up_deg)
-            if aim.source_isocentre_mm != _present_distance(self.design, free.view):
+            if aim.source_isocentre_mm != present_distance(self.design, free.view):
                 written[place]["source_isocentre_mm"] = aim.source_isocentre_mm
         return self.design.with_value("/views", written)
 
@@ -185,7 +185,7 @@ def find_view(design: Design, name: str) -> tuple[int, Any]:
     return next((place, view) for place, view in enumerate(design.document.views) if view.name == name)
 
 
-def _present_distance(design: Design, name: str) -> float:
+def present_distance(design: Design, name: str) -> float:
     view = find_view(design, name)[1]
     if isinstance(view, PresetView) and view.source_isocentre_mm is None:
         return float(PRESETS[view.preset].source_isocentre_mm or 0.0)  # loading has made sure that it is stated

@@ -654,3 +654,12 @@ def covariance_block_diagonal(model: LinearModel, error: str) -> Array:
             to_frame = model.tcp_from_localisation if error == "tcp" else np.eye(3)
             total += to_frame @ change @ to_frame.T
     return total
+
+
+def with_perfect_fiducials(model: ErrorModel, error: str) -> ErrorModel:
+    """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
+    what moves their images together; and without any bias where some of it comes that way too."""
+    rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
+    if not model.imaged_bias_mm(error).any():
+        return replace(model, blocks=rest)
+    return replace(model, blocks=rest, biases=dict.fromkeys(model.biases, np.zeros(3)))

@@ -16,6 +16,7 @@ from .optimisation import ViewOffer as ViewOffer
 from .optimisation import ViewSearch as ViewSearch
 from .score import Bounds as Bounds
 from .score import Contributor as Contributor
+from .score import Lever as Lever
 from .score import Loss as Loss
 from .score import Losses as Losses
 from .score import MetricScore as MetricScore

@@ -16,6 +16,7 @@ from .tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Row, Table, 
 from .verdicts import Matrix3, MeasureResult, Provenance, Vector3, Verdict, ViewCheck
 
 MOST_BARS = 12
+How = Literal["perfect", "least", "bound", "found"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,6 +311,24 @@ class SlipReliability:
     """Target at which it does."""
 
 
+@dataclass(frozen=True, slots=True)
+class Lever:
+    """One thing that can be changed, and the best that a requirement comes to by it alone."""
+
+    requirement: str
+    """Name of the requirement; empty where the design has none and P95 of the error at the tool is meant."""
+    name: str
+    """A source of error (all views together), image_noise, bias, placement, view (one more), or together: all that the
+    design's optimise section frees."""
+    label: str
+    """What people call it; of together also what then has most of the mean square."""
+    value: float
+    """What is limited at best, at the worst target, in the requirement's unit."""
+    how: How
+    """perfect: without it; least: at the smallest half-widths that optimise allows; bound: no change of it does better;
+    found: the best of a search within what optimise allows."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
@@ -334,6 +353,9 @@ class Score(Result):
     """
     measures: tuple[MeasureResult, ...] = ()
     """Measures made of the errors at targets, each wherever it is read; empty where there are none."""
+    levers: tuple[Lever, ...] = ()
+    """What each thing that can be changed leads to by itself, of each requirement the one that leads furthest first;
+    none of a corridor, and none where fiducials are missed or losses were not asked for."""
 
     @property
     def worst_target(self) -> TargetScore:

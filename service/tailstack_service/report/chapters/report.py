@@ -29,6 +29,7 @@ from .score import (
     headline_figure,
     key_numbers,
     largest_targets,
+    levers_blocks,
     losses_listed,
     measures_blocks,
     method_blocks,
@@ -86,7 +87,7 @@ def report_document(report: Report, sha256: str) -> Document:
 
 def budget_chapter(report: Report) -> tuple[Block, ...]:
     """What binds, shares, the table, and the quantile over each half-width."""
-    blocks = [*budget_blocks(report.score, report.allowances)]
+    blocks = [*budget_blocks(report.score, report.allowances), *levers_blocks(report.score)]
     design = load_inside(report.design)
     for k, target in enumerate(largest_targets(report.score)):
         check = tightest_check(report.score.verdict.checks, target.name)

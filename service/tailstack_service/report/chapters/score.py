@@ -8,12 +8,12 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore, Verification
+from tailstack.results import ERRORS, Check, Lever, Score, TargetEstimate, TargetScore, Verification
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.quality import quality_table
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
-from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import (
     P95,
     breaches_table,
@@ -52,7 +52,7 @@ from ...rendering.sentences import (
     units_sentence,
     views_sentence,
 )
-from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
+from ..charts import PHONE, Scaled, draw_levers, draw_scale, draw_shares
 from ..headline import headline_of
 from ..live_budget import live_budget
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
@@ -86,6 +86,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
         sections=(
             Section("Error and requirements", error_blocks(score)),
             Section("Budget", (group(*budget_blocks(score), on=PAPER), _chosen_budget(score, chosen))),
+            Section("What each lever can reach", levers_blocks(score)),
             Section("In words", _sentences(score, chosen), on=TERMINAL),
             Section("Slips of images", reliability_blocks(score)),
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
@@ -311,7 +312,6 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
         )
     for k, target in enumerate(largest_targets(score)):
         suffix = "" if k == 0 else f"-{k + 1}"
-        limit = target.limit_mm
         blocks += [
             Figure(
                 f"waterfall{suffix}",
@@ -319,25 +319,59 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
                 f"Target {target.name}: share of the variance of each contributor, each bar beginning where the one "
                 "above ends.",
             ),
-            Figure(
-                f"without{suffix}",
-                partial(
-                    draw_without,
-                    target.contributors,
-                    target.name,
-                    target.budget_p95_mm,
-                    limit,
-                    f"without{suffix}",
-                    score.decimals,
-                ),
-                f"Target {target.name}: the estimated P95 if one contributor were perfect and all others as they are.",
-            ),
             budget_with_slack(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances, score.decimals),
             group(live_budget(target, "What if", allowances, score.verdict.checks), on=On.SHEET),
         ]
         if target.worst_vertex:
             blocks.append(Paragraph(f"Bounded components stand at their worst ends: {', '.join(target.worst_vertex)}."))
     return tuple(blocks)
+
+
+def levers_blocks(score: Score) -> tuple[Block, ...]:
+    """How far each lever leads every requirement by itself, that which decides first."""
+    decisive = decisive_check(score.verdict.checks)
+    names = dict.fromkeys(([] if decisive is None else [decisive.requirement]) + [e.requirement for e in score.levers])
+    blocks: list[Block] = []
+    for k, name in enumerate(names):
+        levers = [lever for lever in score.levers if lever.requirement == name]
+        check = max((c for c in score.verdict.checks if c.requirement == name), key=lambda c: c.value, default=None)
+        if not levers:
+            continue
+        decimals, picture = score.decimals, "levers" if k == 0 else f"levers-{k + 1}"
+        if check is not None:
+            caption = f"{name}: what each lever comes to at its best, everything else as it is, and the limit."
+            blocks.append(Figure(picture, partial(draw_levers, levers, check, picture, decimals), caption))
+        on = EVERYWHERE if k == 0 else ~On.PLAIN
+        reached = Paragraph(_reached(levers, check, score), "What each lever can reach")
+        blocks += [group(reached, on=on & TERMINAL), group(_levers_table(levers, check, score), on=on)]
+    return tuple(blocks)
+
+
+HOW = {"perfect": "perfect", "least": "at its smallest allowed", "bound": "no better than", "found": "found by search"}
+
+
+def _levers_table(levers: Sequence[Lever], check: Check | None, score: Score) -> Table:
+    unit = "mm" if check is None else check.unit
+    columns = (
+        Column("Lever, by itself", brief="lever,\nby itself", of=attrgetter("label")),
+        Column("At its best", brief="at its\nbest", of=lambda lever: HOW[lever.how]),
+        Column("Comes to", unit, "fixed", score.decimals, brief=f"comes to\n{unit}", of=attrgetter("value")),
+    )
+    note = "No better than: no place of the fiducials, and nothing that optimise frees, leads below that."
+    return tabulate("Levers", f"What each lever can reach{_reached(levers, check, score)}", columns, levers, note)
+
+
+def _reached(levers: Sequence[Lever], check: Check | None, score: Score) -> str:
+    """From where, and which of them keep the limit by themselves, or that not even all do."""
+    if check is None:
+        return f", P95 {length(score.worst_target.p95_mm, score.decimals)} mm"
+    told = f", {check.requirement} {length(check.value, score.decimals)} {check.unit}, limit {check.limit:g}: "
+    if wall := [lever for lever in levers if lever.name == "together" and lever.value > check.limit]:
+        return f"{told}impossible below {wall[0].value:.4g} with {wall[0].label}"
+    alone = [lever.label for lever in levers if lever.how != "bound" and lever.value <= check.limit]
+    if check.value <= check.limit:
+        return f"{told}kept as it is"
+    return f"{told}kept by {' or by '.join(alone)} alone" if alone else f"{told}no lever alone keeps it"
 
 
 def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
