@@ -82,7 +82,7 @@ def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_a
         load_design(DEMO), {**noise, "/fiducials/manufacturing/half_width_mm": [0.0]}, columns=["p95_mm"]
     )
     (best,) = places.columns["p95_mm:tip"]
-    assert f"beads anywhere {best:.2f}, finest tolerances 0.4" in found["reach"]
+    assert re.search(rf"connector on flange.* 0\.72, .*beads elsewhere (not below )?{best:.2f} mm", found["reach"])
     # of what was dragged: the seats' own errors are as they were, whatever their shares
     assert found["moved"] > 0.001
     assert all(kind == "delta" for _, kind, _ in found["deltas"] if kind)
@@ -98,6 +98,33 @@ def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_a
     assert "no design keeps the limit" in acts
     assert "failed" not in acts
     assert steps == 0
+
+
+def test_every_lever_has_its_bar_and_every_slider_its_curve_whose_crossing_is_where_the_limit_is_met(
+    service: Served,
+) -> None:
+    """Bars are those of the command; the crossing is that of a bisection of scores."""
+    found = found_by(service, "levers")
+    levers = {lever.label: lever for lever in score(load_design(DEMO)).levers}
+    assert {row[0] for row in found["rows"]} == {*levers}
+    for label, _, value, how in found["rows"]:
+        if how != "by a search":
+            assert value == f"{levers[label].value:.2f}"
+    assert set(found["keeps"]) == {label for label, lever in levers.items() if lever.value <= 1.0}
+    assert found["axe"] == []
+
+    def beyond(width: float) -> float:
+        data = yaml.safe_load(DEMO)
+        data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = width
+        return score(load_design(data), losses=False).targets[0].p95_mm - 1.0
+
+    low, high = 1e-3, 1.0
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if beyond(middle) > 0 else (middle, high)
+    assert found["crossing"] == pytest.approx(low, rel=1e-4)
+    assert low * 0.99 < float(found["set"]) <= low
+    assert 0.99 < found["p95"] <= 1.0
 
 
 # --- what is in the way -----------------------------------------------------------------------------------------------

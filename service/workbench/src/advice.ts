@@ -20,8 +20,6 @@ export interface Advice {
   shots: number; // of the simulation that it was made by, 0 where there was none
   step: Step | null;
   wall: string; // why there is no step that leads within the limit; empty where there is one
-  places: number | null; // at best by placing the beads anywhere, by estimate
-  seats: number | null; // with every half-width at its finest, by estimate
   unit: string; // of these numbers
   digits: number;
 }
@@ -127,39 +125,32 @@ function triesOf({ widths, needed }: Candidate): number[] {
   return [...new Set(values)].filter((value) => value < most).sort((a, b) => b - a);
 }
 
-/** What acts on the beads alone, and what no place of them changes; with anything else in a budget it is not known here. */
-const BEADS = /^(fiducial_noise:.*|fiducial_manufacturing)$/, ELSEWHERE = /^(target_noise:.*|structure_connector|connector_flange|hand_eye|execution)$/;
-
 async function look(asked: Json, given: Known): Promise<void> {
   const { record, target: widest } = given.estimate!, worst = answering(given), { off } = standingOf(given);
   if (!worst) return;
   const { limit, unit } = worst, own = record.targets.find(({ name }) => name === worst.target), target = own ?? widest, digits = decimalsOf(record, unit);
   const aim = limit * (1 + (off ?? 0)), bias = Math.hypot(...target.bias_mm), give = (found: Omit<Advice, "design" | "shots" | "unit" | "digits">) => { if (design.value === asked) advice.value = { design: asked, shots: shots(given), unit, digits, ...found }; };
-  if (own && unit === "mm" && bias > limit) return give({ step: null, places: null, seats: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
+  if (own && unit === "mm" && bias > limit) return give({ step: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
   const widths = widthsOf(asked, target), goal = (aim / worst.value) ** 2, place = ({ path }: Width) => pointerOf(path);
   const tried = candidatesOf(widths, goal).flatMap((each) => triesOf(each).map((value) => ({ each, value, set: new Map(each.widths.filter(({ now }) => now > value).map((width) => [place(width), value])) })));
-  const finest = new Map(widths.map((width) => [place(width), finestOf(width)])), beads = new Map<string, number>();
-  if (target.contributors.every(({ name }) => BEADS.test(name) || ELSEWHERE.test(name))) for (const c of target.contributors) {
-    const path = BEADS.test(c.name) && c.half_width ? placeOf(asked, c) : null;
-    if (path) beads.set(pointerOf(path), 0);
-  }
-  const rows = [...tried.map(({ set }) => set), finest, beads], table: Record<string, number[]> = {};
+  const finest = new Map(widths.map((width) => [place(width), finestOf(width)]));
+  const rows = [...tried.map(({ set }) => set), finest], table: Record<string, number[]> = {};
   for (const pointer of new Set(rows.flatMap((row) => [...row.keys()]))) table[pointer] = rows.map((row) => row.get(pointer) ?? valueAt(asked, pathOf(pointer)));
   if (!Object.keys(table).length) return;
   const response = await send("POST", "/v1/scores/batch", { design: asked, table, columns: ["value", "verdict"] }).catch(() => null);
   if (!response?.ok) return;
   const { columns } = (await response.json()) as { columns: Record<string, Json[]> };
   const found: (number | null)[] = columns[`value:${worst.requirement}:${worst.target}`] ?? columns[Object.keys(columns).find((name) => name.startsWith("value:"))!];
-  const passes = (k: number) => (off === null ? columns.verdict[k] === "pass" : found[k] !== null && found[k] <= aim), last = rows.length - 2;
+  const passes = (k: number) => (off === null ? columns.verdict[k] === "pass" : found[k] !== null && found[k] <= aim), last = rows.length - 1;
   const stepOf = (k: number): Step => {
     const { each, value } = tried[k], changed = each.widths.filter(({ now }) => now > value), [{ words, unit }] = changed;
     return { edits: changed.map(({ path }) => ({ path, value })), words: `${words} ${changed.map(({ component }) => component).sort().join(", ")} to ${brief(value)}${unit === "deg" ? "°" : ` ${unit}`}`.replace("  ", " "), found: found[k]!, passes: passes(k) };
   };
   const known_ = tried.map((_, k) => k).filter((k) => found[k] !== null), good = known_.find(passes), best = [...known_].sort((a, b) => found[a]! - found[b]!)[0];
-  const seats = found[last], places = beads.size ? found[last + 1] : null;
-  if (good !== undefined) return give({ step: stepOf(good), wall: "", places, seats });
-  if (best !== undefined && passes(last)) return give({ step: stepOf(best), wall: "", places, seats });
-  give({ step: null, wall: seats === null ? "" : await wallOf(asked, finest, seats, unit), places, seats });
+  const seats = found[last];
+  if (good !== undefined) return give({ step: stepOf(good), wall: "" });
+  if (best !== undefined && passes(last)) return give({ step: stepOf(best), wall: "" });
+  give({ step: null, wall: seats === null ? "" : await wallOf(asked, finest, seats, unit) });
 }
 
 /** Why tightening does not lead within the limit: what is left where everything is at its finest. */

@@ -24,7 +24,7 @@ export const reachable = signal(true);
 export const addressOf = (path: string): string => new URL(/\/v1\/(?!.*\/v1\/).*$/.exec(path)?.[0].slice(1) ?? path.replace(/^\//, ""), new URL(".", location.href)).href;
 
 /** Ask, and know a refusal from a service that is not there.  What JSON cannot say is refused here, as the service would. */
-export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<Response> {
+export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}, signal?: AbortSignal): Promise<Response> {
   const given: Record<string, string> = { ...headers };
   if (body !== undefined && !given["Content-Type"]) given["Content-Type"] = "application/json";
   if (key.value) given.Authorization = `Bearer ${key.value}`;
@@ -34,12 +34,12 @@ export async function send(method: string, path: string, body?: unknown, headers
   })) }, { status: 422 });
   const content = whole ? body : JSON.stringify(body);
   try {
-    const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store" });
+    const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store", signal });
     reachable.value = true;
     if (response.status === 401) keyWanted.value = true;
     return response;
   } catch (error) {
-    reachable.value = false;
+    if (!signal?.aborted) reachable.value = false;
     throw error;
   }
 }

@@ -10,6 +10,7 @@ import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, Asking, working } from "./parts/Files";
 import { Form } from "./parts/Form";
+import { Levers } from "./parts/Levers";
 import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
@@ -129,6 +130,7 @@ function Workbench() {
         </div>
         <Splitter />
         <div class="change">
+          <Part title="What each lever can reach" open paper><section aria-label="Levers"><Levers /></section></Part>
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>

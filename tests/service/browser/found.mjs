@@ -1,5 +1,5 @@
 // What was found in the way by people who used the page.  See tests/service/test_workbench_found.py.
-import { asked, begun, bead, centre, current, drop, faded, newContext, number, open, part, sha, state, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, drop, faded, newContext, number, open, part, sha, state, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -55,6 +55,30 @@ scenarios.reach = async () => {
   await page.locator(".wall", { hasText: "Out of reach" }).waitFor();
   found.out = [await page.locator(".wall").innerText(), await page.locator(".acts").innerText(), await next.count()];
   if (asked.shot) await page.screenshot({ path: asked.shot });
+  return found;
+};
+
+// What each lever reaches, the search in the background with it; the curves under the sliders, and a limit that is pressed
+scenarios.levers = async () => {
+  const page = await begun(await newContext({ viewport: { width: asked.width ?? 1280, height: asked.height ?? 800 } })), bars = page.locator(".levers"), found = {};
+  const rows = () => bars.locator("tbody tr").evaluateAll((all) => all.map((row) => [...row.cells].map((cell) => cell.textContent)));
+  await bars.locator("tr", { hasText: "by a search" }).waitFor();
+  found.rows = await rows();
+  found.keeps = await bars.locator("tr.keeps th").allTextContents();
+  await page.getByRole("button", { name: "Curves" }).click();
+  const at = page.locator('.slide:has([data-pointer="interfaces/connector_flange/tolerances/rx/half_width_deg"]) .crossing');
+  await at.waitFor();
+  found.crossing = Number(await at.getAttribute("data-at"));
+  found.axe = await axe(page);
+  await faded(page);
+  if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: asked.width === 390 });
+  await at.click();
+  await sha(page);
+  found.set = await page.locator('[data-pointer="interfaces/connector_flange/tolerances/rx/half_width_deg"]').inputValue();
+  found.p95 = (await state(page)).score.targets[0].p95_mm;
+  await page.keyboard.press("Control+z");
+  await sha(page);
+  found.wide = await wide(page);
   return found;
 };
 

@@ -7,10 +7,11 @@ import type { components } from "../../../../openapi/typescript/tailstack";
 import { gradesOf, type Line, placeOf } from "../advice";
 import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
-import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
 import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
+import { crossingOf, Curve, drawn } from "./Curve";
 import { Problems } from "./Problems";
 import { Term } from "./Words";
 
@@ -167,6 +168,7 @@ export function Contributors() {
         {!allowances && score && score.verdict.checks.length > 0 && (
           <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start(SLACK, "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
         )}
+        {score && <button type="button" aria-pressed={drawn.value} title="what is limited over each half-width by itself, and where it meets the limit" onClick={() => (drawn.value = !drawn.value)}>Curves</button>}
         {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}
         {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
@@ -230,7 +232,7 @@ function Entry({ row: { name, line, slide }, parts, target, share, slack, fold, 
 }
 
 function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
-  const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), grades = [...gradesOf(data, slide.path), ...(stop === null ? [] : [stop])];
+  const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), pointer = pointerOf(slide.path), met = crossingOf(pointer), grades = [...gradesOf(data, slide.path), ...[stop, met].filter((each) => each !== null)];
   const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
   const slideTo = (at: number, width: number) => {
     const near = grades.find((grade) => Math.abs(toSlider(grade, range) - at) < Math.max(12, 2000 / width)); // two pixels
@@ -238,6 +240,7 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
   };
   return (
     <span class="half">
+      <span class="track">
       <input type="range" min={0} max={1000} step={1} value={toSlider(value, range)} list={grades.length ? marks : undefined}
         aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
         onInput={(event) => slideTo(event.currentTarget.valueAsNumber, event.currentTarget.clientWidth)} onChange={() => finishGesture(`${slide.label}`)}
@@ -248,6 +251,8 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
           event.preventDefault();
           edit([{ path: slide.path, value: nudge(value, way, range) }], slide.label, PRESSES);
         }} />
+      <Curve pointer={pointer} label={slide.label} unit={slide.unit} range={range} place={(value) => toSlider(value, range) / 1000} />
+      </span>
       {grades.length > 0 && <datalist id={marks}>{grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
       <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
       <span class="unit">{slide.unit}</span>

@@ -12,6 +12,7 @@ import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } f
 import { Rests } from "./Assumed";
 import { Checks, interval, Measures } from "./Checks";
 import { NumberField } from "./Controls";
+import { Reach } from "./Levers";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
 import { Term } from "./Words";
@@ -77,13 +78,6 @@ export function Verdict() {
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)} ${unit}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} ${unit} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
-}
-
-/** What each lever comes to at best, before it is pulled. */
-function Reach() {
-  const { places, seats, unit, digits: d } = advised.value ?? { places: null, seats: null, unit: "", digits: 0 };
-  const each = [places !== null && `beads anywhere ${mm(places, d)}`, seats !== null && !advised.value?.wall && `finest tolerances ${mm(seats, d)}`].filter(Boolean);
-  return each.length ? <p class="note reach" data-kind="estimate" title="each by itself: the beads wherever they would be best, every half-width as fine as such things are made">{`At best, by estimate: ${each.join(", ")} ${unit}.`}</p> : null;
 }
 
 /** Where the limit of a requirement stands in the design. */

@@ -1,0 +1,80 @@
+// What each lever can reach by itself, beside the verdict: a bar a lever with the limit across, before anybody pulls.
+
+import { computed, effect, signal } from "@preact/signals";
+import { answer, current, refused, type Score, send } from "../api";
+import { answering, estimated, known, standing } from "../readings";
+import { design, gesture, type Json } from "../state";
+import { mm } from "../words";
+
+type Lever = NonNullable<Score["levers"]>[number];
+
+const QUIET = 900; // ms without a change, after which places of the beads are searched, which takes seconds
+const found = signal<{ design: Json; levers: readonly Lever[] } | null>(null); // with what a search knows
+const held = signal<{ design: Json; levers: readonly Lever[] } | null>(null); // of the last score that tells them
+const searching = signal(false);
+
+effect(() => {
+  const score = answer.value?.score;
+  if (score?.levers?.length) held.value = { design: answer.value!.design, levers: score.levers };
+});
+effect(() => {
+  const data = design.value, allowed = data?.optimise, places = allowed?.box || allowed?.region || allowed?.regions, adds = Array.isArray(allowed?.views) && allowed.views.some((each: Json) => each?.add);
+  if (!(places || adds) || !current.value || refused.value || gesture.value.length || held.value?.design !== data || found.peek()?.design === data) return;
+  const stop = new AbortController();
+  const timer = window.setTimeout(async () => {
+    searching.value = true;
+    const response = await send("POST", "/v1/scores", { design: data, search: true }, {}, stop.signal).catch(() => null);
+    if (response?.ok) found.value = { design: data, levers: ((await response.json()) as Score).levers ?? [] };
+    if (!stop.signal.aborted) searching.value = false;
+  }, QUIET);
+  return () => {
+    window.clearTimeout(timer);
+    stop.abort(); // the service ends it, too
+    searching.value = false;
+  };
+});
+
+/** Of the requirement that decides, with what it comes to as the design is. */
+const shown = computed(() => {
+  const all = found.value?.design === held.value?.design ? found.value : held.value, check = answering(known.value), name = check?.requirement ?? "";
+  if (!all || !estimated.value) return null;
+  const worst = Math.max(...estimated.value.record.verdict.checks.filter(({ requirement }) => requirement === name).map(({ value }) => value));
+  return { levers: all.levers.filter(({ requirement }) => requirement === name), now: check ? worst : estimated.value.value, limit: check?.limit ?? null, unit: check?.unit ?? "mm", digits: estimated.value.digits, name, old: all.design !== design.value };
+});
+
+const HOW: Record<Lever["how"], string> = { perfect: "were it perfect", least: "at its smallest allowed", bound: "not below", found: "by a search" };
+
+/** The two that lead furthest, where they would be best, or that nothing leads within the limit: in the strip. */
+export function Reach() {
+  const of = shown.value;
+  if (!of || of.old || !of.levers.length || !standing.value.holds || answer.value!.score.verdict.status === "pass") return null;
+  const { levers, limit, unit, digits: d } = of, all = levers.find(({ name }) => name === "together"), beads = levers.find(({ name }) => name === "placement");
+  if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`Impossible below ${mm(all.value, d)} ${unit}, by estimate: with ${all.label}.`}</p>;
+  const first = levers.filter(({ how, name }) => how !== "bound" && name !== "placement").slice(0, 2).map(({ label, value }) => `${label} ${mm(value, d)}`);
+  return <p class="note reach" data-kind="estimate">{`Alone at best: ${[...first, beads && `beads elsewhere ${beads.how === "bound" ? "not below " : ""}${mm(beads.value, d)}`].filter(Boolean).join(", ")} ${unit}.`}</p>;
+}
+
+export function Levers() {
+  const of = shown.value;
+  if (!of?.levers.length) return <p class="note">{answer.value?.score.levers?.length === 0 ? "How far each lever leads is not known where fiducials are missed, or of a corridor." : "It comes with the next score."}</p>;
+  const { levers, now, limit, unit, digits: d, name, old } = of, most = 1.04 * Math.max(now, limit ?? 0), x = (value: number) => (100 * value) / most;
+  return (
+    <div class={old || !standing.value.holds ? "levers outdated" : "levers"} data-kind="estimate">
+      <table>
+        <caption>{`${name || "P95"} is ${mm(now, d)} ${unit}${limit === null ? "" : `, the limit (the line) ${limit} ${unit}`}; by one lever alone, by estimate:`}</caption>
+        <colgroup><col /><col /><col /><col /></colgroup>
+        <thead class="hidden"><tr><th>Lever</th><th>Bar</th><th>{`At its best, ${unit}`}</th><th>What that is</th></tr></thead>
+        <tbody>
+          {levers.map((lever) => (
+            <tr key={lever.name} class={limit !== null && lever.value <= limit ? "keeps" : ""}>
+              <th scope="row" title={lever.label}>{lever.label}</th>
+              <td class="reached"><svg viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect class="now" width={x(now)} height="10" /><rect class="best" width={x(lever.value)} height="10" />{limit !== null && <path d={`M${x(limit)} 0V10`} />}</svg></td>
+              <td class="number">{mm(lever.value, d)}</td>
+              <td class="note">{lever.name === "placement" && searching.value ? "searching …" : HOW[lever.how]}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
