@@ -71,17 +71,6 @@ def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> No
 
 
 @pytest.mark.long
-def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
-    cache = str(tmp_path / "cache")
-    with running(tmp_path, XDG_CACHE_HOME=cache) as one, running(tmp_path, XDG_CACHE_HOME=cache) as other:
-        said = [process.communicate(timeout=LIMIT_SECONDS)[0] for process in (one, other)]
-    assert [json.loads(out) for out in said] == [[0, 2], [0, 2]]
-    place = tmp_path / "cache" / "tailstack" / "kernels"
-    assert not list(place.glob(".*"))
-    assert stored(place) >= {"tail.lattice.balls", "tail.gaussian.brought_near", "tail.declared.column_slopes"}
-
-
-@pytest.mark.long
 def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_path: Path) -> None:
     (tmp_path / "home").touch()  # no folder can be made in it
     out, err = run(tmp_path / "home", TMPDIR=str(tmp_path))
@@ -188,31 +177,6 @@ def test_the_first_score_after_an_installation_compiles_nothing(installed: Envir
     assert installed.run(SCORE).stdout == first.stdout
     says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
     assert says == f"{COUNT} kernels: {COUNT} installed, for {processor.levels_here()[0]}; none compiled now\n"
-
-
-ASK = """
-from tailstack.kernels import store
-{}
-from tailstack_service.console.compilation import describe_calls
-print(describe_calls(["score"]))
-"""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("before", "words"),
-    [
-        ("store.BUILT_WITH = store.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
-        ("store.BUILT_WITH = store.BUILT_WITH.replace('llvmlite 0', 'llvmlite 9')", "built with llvmlite 0"),
-        ("store.level_targets = lambda: []", "built for x86-64-v"),
-    ],
-    ids=["another numba", "another llvmlite", "a processor without a level"],
-)
-def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
-    installed: Environment, before: str, words: str
-) -> None:
-    said = installed.run(ASK.format(before))
-    assert f"{COUNT} kernels: {COUNT} not compiled yet (those installed were {words}" in said.stdout, said.stderr
 
 
 # Two that take a moment, as if a verb needed no others

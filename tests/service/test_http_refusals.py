@@ -17,7 +17,7 @@ import httpx
 import pytest
 from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from plain_data import replaced
@@ -559,15 +559,6 @@ def test_a_defect_after_the_head_is_logged_and_nothing_is_sent_behind_it(caplog:
         "failed",
         "answered",
     ]
-
-
-def test_an_added_route_answers() -> None:
-    """The harness itself."""
-
-    async def fine(_request: Request) -> Response:
-        return PlainTextResponse("fine")
-
-    assert asked(fine).text == "fine"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@ designs in which nothing varies, where a covariance of zero is an answer."""
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from itertools import combinations
 from math import inf, sqrt
@@ -32,7 +31,6 @@ from scenes import (
 )
 from tailstack import DesignFunction, load_design, losses, score, score_batch, sweep, verify
 from tailstack.contributors import error_law
-from tailstack.design import compile_design
 from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine
 from tailstack.laws import SUMS
@@ -93,21 +91,6 @@ def search_of(system):
     return LossSearch(chain, {each.name: linearise_at(chain, each) for each in system.targets})
 
 
-@pytest.mark.long("0", "1")
-@pytest.mark.parametrize("seed", range(2))
-def test_the_worst_loss_at_many_neighbouring_targets_is_that_of_brute_force(seed):
-    rng = np.random.default_rng(seed)
-    error, quantile = ("tcp", 0.95) if seed % 2 else ("localisation", 0.99)
-    system = replace(random_system(rng, 9, 2), targets=neighbours(rng, 30))
-    (found,) = score(limited(system, error, quantile)).losses
-    assert found.single.value == pytest.approx(brute_force(system, 1, error, quantile), rel=1e-9)
-    rest = taken(system, [system.fiducial_labels.index(label) for label in found.double.lost])
-    law = error_law(
-        linearise(rest, next(t for t in rest.targets if t.name == found.double.target)), error, quantile
-    ).law
-    assert found.double.value == pytest.approx(law_quantile(law, quantile).quantile_mm, rel=1e-9)
-
-
 @pytest.mark.parametrize("estimator", [Estimator.DLT, Estimator.POSE])
 @pytest.mark.parametrize("error", ["tcp", "localisation"])
 def test_the_worst_loss_among_all_effects_is_that_of_brute_force(estimator, error):
@@ -165,24 +148,6 @@ def test_the_reference_cube_loses_little_with_one_bead_and_all_with_two():
     assert found.single.value == pytest.approx(0.297, abs=5e-4)
     assert found.double.value == pytest.approx(3.59, abs=5e-3)
     assert (found.requirement, found.limit, found.keeps(1)) == ("", None, None)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_worst_loss_is_that_of_brute_force_where_the_intrinsics_are_wrong(seed):
-    """brute force: a focal length that is known to be off moves the mean, by an amount that depends on who is left."""
-    rng = np.random.default_rng(seed)
-    data = copy.deepcopy(DEMO)
-    data["model"] = {**(data.get("model") or {}), "estimator": "pose"}
-    for view in data["views"]:
-        view["intrinsics_error"] = {
-            "focal": {"bias_rel": float(rng.uniform(0.02, 0.05))},
-            "principal_point": {"half_width_px": float(rng.uniform(5, 30)), "distribution": "normal"},
-        }
-    for point in data["fiducials"]["points"]:
-        point["position_mm"] = (np.array(point["position_mm"]) + rng.normal(0, 8, 3)).tolist()
-    system = compile_design(load_design(data))
-    (found,) = score(system).losses
-    assert found.single.value == pytest.approx(brute_force(system, 1), rel=1e-9)
 
 
 def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
@@ -283,15 +248,6 @@ def test_the_quantile_of_shots_with_beads_missed_is_that_of_a_sample(scene):
     lacking = np.isinf(norms).mean()
     doubt = 4.5 * np.sqrt(lacking * (1 - lacking) / shots)
     assert found.mixture.probability_unaccounted == pytest.approx(lacking, abs=doubt)
-
-
-def test_beads_that_nothing_can_do_without_leave_no_bound():
-    """closed_form: of seven beads DLT can do without one; binomial probabilities."""
-    seven = system_of(np.random.default_rng(3).uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))
-    (found,) = score(replace(seven, loss_probability=(0.1,) * 7)).losses
-    assert found.mixture.probability_of_none == pytest.approx(0.9**7)
-    assert found.mixture.probability_unaccounted == pytest.approx(1 - 0.9**7 - 7 * 0.1 * 0.9**6)
-    assert found.mixture.value is None
 
 
 def missed(change=None):
@@ -503,19 +459,3 @@ def test_shots_with_missed_beads_have_an_answer():
     assert line.mixture.value == pytest.approx(0.07, abs=1e-9)
     found = verify(system, trials=2000).targets[0]
     assert found.p95_mm == pytest.approx(0.07, abs=1e-9)
-
-
-def test_a_design_that_says_so_in_its_document():
-    views = [view | {"fiducial_noise_px": 0, "target_noise_px": 0} for view in DEMO["views"]]
-    seat = {
-        "pivot_mm": [0, 0, -95],
-        "bias": {"tx_mm": 0.07},
-        "tolerances": {"tx": {"half_width_mm": 0, "distribution": "uniform"}},
-    }
-    data = {name: DEMO[name] for name in ("schema", "name", "targets")} | {
-        "views": views,
-        "fiducials": {"points": DEMO["fiducials"]["points"]},
-        "interfaces": {"structure_connector": seat},
-    }
-    (line,) = score(replace(compile_design(load_design(data)), requirements=())).losses
-    assert [line.single.value, line.double.value] == pytest.approx([0.07, 0.07], abs=1e-9)
