@@ -34,11 +34,11 @@ from tailstack_service.report.charts import (
     draw_budgets,
     draw_distribution,
     draw_errors,
+    draw_levers,
     draw_scale,
     draw_shares,
     draw_sweep,
     draw_tolerances,
-    draw_without,
 )
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
 from tailstack_service.report.images import draw_images
@@ -635,12 +635,15 @@ def test_charts_of_errors_are_legible_wherever_the_limit_is(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_charts_of_budgets_are_legible(name: str) -> None:
-    target = max(score(example(name)).targets, key=lambda entry: entry.p95_mm)
+    found = score(example(name))
+    target = max(found.targets, key=lambda entry: entry.p95_mm)
     root = check_picture(draw_shares(target.contributors, target.name))
     bars = [b.attrib for b in root.iter(f"{SVG}rect") if b.attrib["fill"] == "#5b9bc8"]
     ends = [float(bar["x"]) + float(bar["width"]) for bar in bars]
     assert ends == sorted(ends)
-    check_picture(draw_without(target.contributors, target.name, target.p95_mm, target.limit_mm))
+    for check in found.verdict.checks[:1]:
+        levers = [lever for lever in found.levers if lever.requirement == check.requirement]
+        check_picture(draw_levers(levers, check))
     check_picture(draw_tolerances(tolerance_curves(example(name), target.name, Judgement(limit_mm=target.limit_mm))))
 
 
@@ -677,13 +680,15 @@ def test_names_cannot_break_a_picture() -> None:
     data["views"][0]["name"] = "</svg><script>"
     data["fiducials"]["points"][0]["label"] = '"><img src=x>'
     design = load_design(data)
-    target = score(design).targets[0]
+    record = score(design)
+    target, check = record.targets[0], replace(record.verdict.checks[0], requirement=HOSTILE)
+    levers = [replace(lever, label=HOSTILE) for lever in record.levers]
     found: ToleranceCurves = tolerance_curves(design, HOSTILE, Judgement(limit_mm=1.0))
     hostile = replace(distribution("tip", 0.5), target=HOSTILE)
     pictures = [
         draw_scene(scene(design)), draw_images(design, HOSTILE),
         draw_tolerances(found, called=(HOSTILE, "\x1b[31m\u202e"), other=found),
-        draw_shares(target.contributors, HOSTILE), draw_without(target.contributors, HOSTILE, target.p95_mm, 1.0),
+        draw_shares(target.contributors, HOSTILE), draw_levers(levers, check),
         draw_distribution(hostile, 0.8, None, None, "d"), draw_budgets(target, target, (HOSTILE, HOSTILE)),
         draw_errors(hostile, hostile, (0.8, 0.8), None, (HOSTILE, HOSTILE)),
         draw_sweep(sweep(design, read_axes(design, [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]))),
@@ -703,11 +708,8 @@ def test_nothing_random_is_said() -> None:
     del data["interfaces"]["structure_connector"]["tolerances"]
     design = load_design(data)
     target = score(design).targets[0]
-    for svg in (
-        draw_shares(target.contributors, target.name),
-        draw_without(target.contributors, target.name, target.p95_mm, 1.0),
-    ):
-        assert "nothing is random" in {str(entry.text) for entry in check_picture(svg).iter(f"{SVG}text")}
+    svg = draw_shares(target.contributors, target.name)
+    assert "nothing is random" in {str(entry.text) for entry in check_picture(svg).iter(f"{SVG}text")}
     assert tolerance_curves(design, target.name).curves == ()
     assert of(scene(design), "arrow", "bias")
 
