@@ -451,7 +451,7 @@ def test_pictures_are_named_above_them(body: bytes) -> None:
     assert len(figures) > 5
     for figure in figures:
         assert figure.index("<figcaption><strong>") < figure.index("<svg")
-    for name in ("waterfall", "without", "tolerances-1", "distribution-1"):
+    for name in ("waterfall", "levers", "tolerances-1", "distribution-1"):
         figure = next(figure for figure in figures if f'id="figure-{name}"' in figure)
         assert "<strong>Target tip: </strong>" in figure
 
