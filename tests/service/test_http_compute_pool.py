@@ -210,20 +210,6 @@ async def test_what_uses_no_processor_at_all_is_given_up(impatient: None) -> Non
         assert computing.kills == 1
 
 
-async def test_what_was_read_and_takes_long_goes_on_where_it_was_read(tmp_path: Path) -> None:
-    """... as one of the long ones, and nothing is killed or read again."""
-    async with some(2) as computing:
-        call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
-        slow = asyncio.create_task(computing.run(request(), call, QUICK))
-        await until_async(lambda: computing._long == 1)
-        for _ in range(3):
-            assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
-        assert not slow.done()
-        (tmp_path / "go").touch()
-        await slow
-        assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
-
-
 async def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are_many(tmp_path: Path) -> None:
     """Its process is given back: a flood of what looks short until it is read keeps nobody waiting."""
     async with some(2, waiting=20) as computing:

@@ -447,11 +447,14 @@ def by_document(design: Design, path: str, values: list[float], target: str) -> 
         ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
         ("locators_321", "structure_connector", "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
         ("slicer_markups", "structure_connector", "rz", "interfaces.structure_connector.tolerances.rz.half_width_deg"),
+        ("bounded", "structure_connector", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
     ],
 )
 def test_curves_are_the_scores_of_changed_documents(name: str, contributor: str, component: str, path: str) -> None:
-    """independent: each point against the score of a document with that half-width."""
-    design = example(name)
+    """independent: each point against the score of a document with that half-width; of what is bounded counts its worst
+    end, which moves the mean."""
+    law = "interfaces.structure_connector.tolerances.rx.distribution"
+    design = DEMO.with_value(law, "bounded") if name == "bounded" else example(name)
     worst = max(score(design).targets, key=lambda entry: entry.p95_mm)
     found = tolerance_curves(design, worst.name, most=40)
     curve = next(e for e in found.curves if (e.contributor, e.component) == (contributor, component))
@@ -460,18 +463,6 @@ def test_curves_are_the_scores_of_changed_documents(name: str, contributor: str,
     np.testing.assert_allclose([curve.quantile_mm[k] for k in places], expected, rtol=2e-6)
     assert found.quantile_mm == pytest.approx(worst.p95_mm, rel=1e-9)
     assert curve.quantile_mm[curve.half_widths.index(curve.half_width)] == found.quantile_mm
-
-
-def test_a_bounded_tolerance_moves_the_mean() -> None:
-    """independent, as above: what counts of it is its worst end."""
-    data = json.loads(json.dumps(DEMO.source.data))
-    data["interfaces"]["structure_connector"]["tolerances"]["rx"]["distribution"] = "bounded"
-    design = load_design(data)
-    found = tolerance_curves(design, "tip", most=40)
-    curve = next(e for e in found.curves if (e.contributor, e.component) == ("structure_connector", "rx"))
-    path = "interfaces.structure_connector.tolerances.rx.half_width_deg"
-    expected = by_document(design, path, list(curve.half_widths[::3]), "tip")
-    np.testing.assert_allclose(curve.quantile_mm[::3], expected, rtol=2e-6)
 
 
 def test_where_the_limit_is_met_the_score_is_at_it() -> None:

@@ -362,11 +362,3 @@ def test_a_hash_opens_a_result_only_to_who_computed_it(place: Place, owned: Prop
     assert hashlib.sha256(ours.content).hexdigest() == sha256
     assert ours.content == place.ask("get_result", {"sha256": sha256}, bearer(place.keys["a"])).content
     assert place.ask("get_result", {"sha256": sha256}, bearer(place.keys["b"])).status_code == 404
-
-
-def test_a_stranger_cannot_cancel(place: Place) -> None:
-    path, _, operation = CREATING["create_verification"]
-    body = {**light(next(iter(json_examples(operation).values()))), "seed": 4711}
-    job = place.client.post(path, json=body, headers={"Authorization": bearer(place.keys["a"])}).json()
-    assert place.ask("cancel_job", {"id": job["id"]}, bearer(place.keys["b"])).status_code == 404
-    assert finished(place, job["links"]["self"], place.keys["a"])["state"] == "succeeded"

@@ -246,15 +246,6 @@ def test_refusals_of_axes(axes: dict, said: str):
         study_linearity(cube8_system(), **axes)
 
 
-@pytest.mark.parametrize(
-    ("asked", "said"),
-    [({"target": "nobody"}, "no target is called 'nobody'"), ({"trials": 100}, "at least 8192 trials")],
-)
-def test_refusals(asked: dict, said: str):
-    with pytest.raises(StudyError, match=said):
-        study_linearity(cube8_system(), **asked)
-
-
 def test_default_counts():
     assert default_counts(12) == (12, 8, 7)
     assert default_counts(8) == (8, 7, 6)
