@@ -204,14 +204,6 @@ def test_every_limit_that_is_missed_is_a_case_that_failed(tmp_path: Path, monkey
     assert [(case.attrib["name"], len(case.findall("failure"))) for case in cases] == [("p95: p95, target tip", 1)] * 2
 
 
-def test_a_design_whose_fault_is_in_its_fiducial_file_is_no_empty_suite() -> None:
-    unread = replace(record_of("invalid").designs[0], file="d.yaml")
-    record = with_findings(finding(file="beads.csv", rule="invalid-design"), designs=(unread,), exit_code=2)
-    text = render_junit(record)
-    assert 'testsuite name="d.yaml" tests="1" failures="0" errors="1"' in text
-    assert xsd.problems(XSD, text.encode(), "testsuites") == []
-
-
 def test_gitlab_has_no_fingerprint_twice_and_nothing_that_is_accepted() -> None:
     same = [finding(rule="fiducial-spacing", message=f"F1 and F{k} are too close", pointer="/f") for k in (2, 3)]
     accepted = finding(suppressed_by="waivers.yaml:3, somebody")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import tracemalloc
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -299,13 +299,6 @@ def test_demo_agrees_with_first_order_within_one_per_cent():
     assert check.bias_mm == pytest.approx(first.bias_mm, abs=5 * max(first.std_mm) / 512)
     low, high = check.exceedance.interval
     assert low - 0.01 < first.exceedance_probability < high + 0.01
-
-
-def test_one_seed_is_one_answer_whatever_the_threads():
-    design = load_design(DEMO)
-    one, two = (verify(design, trials=50_000, seed=3, threads=n) for n in (1, 2))
-    assert asdict(one) == asdict(two)
-    assert verify(design, trials=50_000, seed=4).targets[0].p95_mm != one.targets[0].p95_mm
 
 
 def test_adaptive_run_goes_on_until_the_requirement_is_decided():

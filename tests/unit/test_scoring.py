@@ -178,16 +178,6 @@ def test_per_unit_yield_against_nested_sampling():
     assert result.per_unit.yield_fraction == pytest.approx(fraction, abs=4 * error)
 
 
-def test_per_unit_requirement_asks_for_a_yield():
-    installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
-    system = cube8_system(connector_flange=installed)
-    for limit, expected in ((3.0, "pass"), (0.2, "fail")):
-        requirement = Requirement("r", "tcp", 0.95, limit, 0.95, ("target",), "per_unit", 0.9)
-        verdict = score(replace(system, requirements=(requirement,))).verdict
-        assert verdict.status == expected
-        assert verdict.checks[0].yield_fraction is not None
-
-
 def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
     """A tighter pooled limit beside it says nothing of units: 0.684 stood beside the check's 0.970."""
     installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenes import cube8_system, target
-from tailstack.errors import LimitError, TailstackError
+from tailstack.errors import TailstackError
 from tailstack.studies.bench.compare import study_comparison
 from tailstack.studies.bench.file import Measurements, read_measurements
 
@@ -217,14 +217,6 @@ def test_a_level_that_cannot_be_imaged_is_refused_at_its_line(set_by: str) -> No
         study_comparison(cube8_system(), set_by.encode(), error="localisation")
     problem = found.value.problems[0]
     assert (problem.line, found.value.exit_code) == (2, 2)
-
-
-def test_more_than_can_be_tested_together_is_refused() -> None:
-    """Thirty levels of ninety trials: 90 tests at 5 % together take 5,400 benches of 2,700 trials."""
-    text = "level,error_mm\n" + "".join(f"L{k},0.{k + 10}\n" for k in range(30)) * 90
-    with pytest.raises(LimitError, match="2,700 trials and 90 tests") as found:
-        study_comparison(cube8_system(), text.encode())
-    assert "fewer levels" in found.value.problems[0].hint
 
 
 def test_a_summary_is_held_against_the_norm() -> None:
