@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import replace
 from hashlib import sha256
 from itertools import product
 from pathlib import Path
@@ -276,16 +275,6 @@ def test_installation_is_shared_by_the_shots_of_a_unit() -> None:
     single = draw(compile_plan(system), 5, np.arange(2, 6))
     start = next(block.start for block in plan.blocks if block.name == "structure_connector")
     np.testing.assert_array_equal(single[:, start:], z[::4, start:])
-
-
-def test_targets_share_their_resection_but_not_their_noise() -> None:
-    both = cube8_system(targets=(target((0, 0, 70), "a"), target((0, 0, 70), "b")))
-    errors = evaluate(compile_plan(both), draw(compile_plan(both), 1, np.arange(2000)))
-    correlation = np.corrcoef(errors[:, 0, 1, 2], errors[:, 1, 1, 2])[0, 1]
-    assert 0.2 < correlation < 0.95
-    silent = replace(both, views=with_noise(0.5, 0.0))
-    errors = evaluate(compile_plan(silent), draw(compile_plan(silent), 1, np.arange(20)))
-    np.testing.assert_array_equal(errors[:, 0], errors[:, 1])
 
 
 CUBE = ORACLES / "noise_covariance_cube8.json"

@@ -191,16 +191,6 @@ def test_a_locator_keeps_its_shift_and_loses_its_turn():
     assert both[0, 0] == 1e-3  # the design's own is not written to
 
 
-def test_what_is_bounded_and_what_risk_is_read_are_said():
-    grid: dict[str, Any] = {"noises_px": (0.5,), "rotations_deg": (0.0,), "spreads": (1.0,), "counts": (8,)}
-    said = study_linearity(cube8_system(), **grid, trials=2**13).varied
-    assert "pooled" in said
-    assert "bounded" not in said
-    second = mount("connector_flange", (0, 0, -145), half_width=[0] * 3 + [0.2] * 3, law=Law.BOUNDED)
-    said = study_linearity(cube8_system(connector_flange=second), **grid, trials=2**13).varied
-    assert "bounded components stand where they are worst" in said
-
-
 def test_words_and_calibration_count_what_is_there():
     """Counted by hand; what an interval leaves open is neither kept nor broken."""
     base = examine_place(cube8_system(), 0, "tcp", GridPoint(0.5, 0.0, 1.0, 8), 2**13, 1)
