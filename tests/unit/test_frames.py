@@ -96,7 +96,7 @@ def test_points_of_the_document_are_in_con_already() -> None:
 def test_an_optimum_that_leaves_the_beads_keeps_their_file_and_its_frame(tmp_path: Path) -> None:
     found = of_file(tmp_path, registered_to=named(BEADS))
     result: Any = SimpleNamespace(design=design_to_data(found))
-    kept = _with_file(result, OutputFiles(tmp_path / "d.yaml", None), found)
+    kept = _with_file(result, load_design(result.design), OutputFiles(tmp_path / "d.yaml", None), found)
     assert kept["fiducials"]["file"] == "beads.csv"
     assert load_design(kept, base_directory=tmp_path).sha256 == found.sha256
 

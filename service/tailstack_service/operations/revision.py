@@ -83,7 +83,7 @@ def write_results(design: Design, result: Optimisation, files: OutputFiles) -> N
     if files.design is not None:
         text, note = design_text(design, result, files)
         if files.fiducials is not None:  # first what the design refers to
-            replace_file(files.fiducials, _fiducials_text(result, files.fiducials))
+            replace_file(files.fiducials, write_fiducials(load_design(result.design).fiducials, files.fiducials.name))
             print(f"wrote {files.fiducials}", file=sys.stderr)
         if note:
             print(f"note: {note}", file=sys.stderr)
@@ -97,7 +97,8 @@ def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tup
     assert path is not None
     there = _read_design(path)
     base = there if there is not None and there.name == result.design["name"] else None
-    wanted = _with_file(result, files, base)
+    new = load_design(result.design)
+    wanted = _with_file(result, new, files, base)
     if path.suffix.lower() == ".json":
         return to_json(wanted), ""
     base = base or design
@@ -106,22 +107,20 @@ def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tup
         return data_to_yaml(wanted), ""
     with suppress(TailstackError):
         revised = revise_yaml(text, _as_written(base), _like(wanted, _as_written(base)))
-        if _hash_of_text(revised, result) == _hash_of_data(result):
+        if _hash_of_text(revised, new) == new.sha256:
             return revised, ""
     return data_to_yaml(wanted), f"{path} is written anew, without its comments: they could not be kept"
 
 
-def _with_file(result: Optimisation, files: OutputFiles, there: Design | None) -> dict[str, Any]:
+def _with_file(result: Optimisation, new: Design, files: OutputFiles, there: Design | None) -> dict[str, Any]:
     """The new design, its fiducials in the file that is written beside it, or that it has and that still holds them."""
     data: dict[str, Any] = result.design
     name, frame = None, {}
     if files.fiducials is not None and files.design is not None:
         name = os.path.relpath(files.fiducials.resolve(), files.design.parent.resolve()).replace(os.sep, "/")
-    elif there is not None and there.document.fiducials.file is not None:
-        points = _points_of(result)
-        if points == dict(zip(there.fiducials.labels, there.fiducials.positions_mm, strict=True)):
-            name, stated = there.document.fiducials.file, there.source.data["fiducials"]
-            frame = {key: stated[key] for key in FRAME_FIELDS if key in stated}
+    elif there is not None and there.document.fiducials.file is not None and _points_of(new) == _points_of(there):
+        name, stated = there.document.fiducials.file, there.source.data["fiducials"]
+        frame = {key: stated[key] for key in FRAME_FIELDS if key in stated}
     if name is None:
         return data
     section: dict[str, Any] = data["fiducials"]
@@ -129,13 +128,8 @@ def _with_file(result: Optimisation, files: OutputFiles, there: Design | None) -
     return {**data, "fiducials": {"file": name, **frame, **others}}
 
 
-def _points_of(result: Optimisation) -> dict[str, tuple[float, float, float]]:
-    fiducials = load_design(result.design).fiducials
-    return dict(zip(fiducials.labels, fiducials.positions_mm, strict=True))
-
-
-def _fiducials_text(result: Optimisation, path: Path) -> str:
-    return write_fiducials(load_design(result.design).fiducials, path.name)
+def _points_of(design: Design) -> dict[str, tuple[float, float, float]]:
+    return dict(zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True))
 
 
 def _read_design(path: Path) -> Design | None:
@@ -178,13 +172,8 @@ def _like(wanted: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
     return dict(made)
 
 
-def _hash_of_data(result: Optimisation) -> str:
-    return load_design(result.design).sha256
-
-
-def _hash_of_text(text: str, result: Optimisation) -> str:
+def _hash_of_text(text: str, new: Design) -> str:
     """The hash of a text with the fiducials of the new design, which may be in a file that is not written yet."""
-    fiducials = load_design(result.design).fiducials
     data = read_text(text, DEFAULT_LIMITS, file=None, directory=None, form="yaml").data
     try:
         document = DesignDocument.model_validate(data)
@@ -192,7 +181,7 @@ def _hash_of_text(text: str, result: Optimisation) -> str:
         return ""
     if document.fiducials.points is not None:
         return load_design(data).sha256
-    return sha256_of(document, fiducials)
+    return sha256_of(document, new.fiducials)
 
 
 # --- a patch --------------------------------------------------------------------------------------------
