@@ -169,21 +169,17 @@ UNJUDGED = ("invalid-design", "invalid-input", "not-evaluated")
 def render_gitlab(record: GateRecord) -> str:
     """A list of findings, [] where there are none."""
     reported = [
-        _write_gitlab_issue(record, finding, fingerprint)
+        {
+            "description": finding.message,
+            "check_name": f"tailstack/{finding.rule}",
+            "fingerprint": fingerprint,
+            "severity": _weigh_gitlab(record, finding),
+            "location": {"path": finding.file, "lines": {"begin": finding.line or 1}},
+        }
         for finding, fingerprint in zip(record.findings, fingerprint_findings(record.findings), strict=True)
         if finding.suppressed_by is None
     ]
     return write_json(reported, indent=2) + "\n"
-
-
-def _write_gitlab_issue(record: GateRecord, finding: GateFinding, fingerprint: str) -> dict[str, Any]:
-    return {
-        "description": finding.message,
-        "check_name": f"tailstack/{finding.rule}",
-        "fingerprint": fingerprint,
-        "severity": _weigh_gitlab(record, finding),
-        "location": {"path": finding.file, "lines": {"begin": finding.line or 1}},
-    }
 
 
 def _weigh_gitlab(record: GateRecord, finding: GateFinding) -> str:
