@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from compared_layouts import careless_layouts, textbook_layout
 
 from tailstack.design import load_design
 from tailstack.errors import InfeasibleError
@@ -21,7 +22,6 @@ from tailstack.optimisation.present import broken_rules
 from tailstack.optimisation.problem import PlacementProblem, apply_choice, present_choice
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.search import Search, farthest, objective_for_people, search
-from tailstack.optimisation.starts import careless_layouts, textbook_layout
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import validity
 from tailstack.results import LocalOptimum

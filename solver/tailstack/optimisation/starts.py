@@ -1,4 +1,4 @@
-"""Layouts to start from and to compare with: random ones, improved by exchange or not, and the textbook's.
+"""Layouts to start from: random ones, improved by exchange.
 
 The programme is not convex in the layout.  From uniformly random layouts 3 of 20 solves end within 0.2 %
 of the best optimum known (8 fiducials, 0.5 mm); from layouts improved first by Fedorov's (1972) exchange,
@@ -10,7 +10,6 @@ their smallest; it costs about 5 ms and runs on the same compiled gains as the s
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +21,7 @@ from ..kernels.store import kernel
 from ..propagation.columns import Imaging, assemble
 from .problem import PlacementProblem
 from .regions import (
-    BoxRegion,
-    Cylinder,
     Shape,
-    across_axis,
     clear_of,
     clip,
     contains,
@@ -41,7 +37,6 @@ SWEEPS = 3
 APART = 0.03  # of the largest region: smallest distance at a start, whatever smaller one is allowed
 ON_FACE = 0.6  # probability that a coordinate of a candidate lies on a face of the region
 BATCHES = 8  # of 4 * CANDIDATES draws, until enough keep the rules
-CARELESS = 0xCA7E  # keeps these seeds apart from those of the starts
 
 
 def in_field(problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: Array) -> NDArray[np.bool_]:
@@ -67,7 +62,7 @@ def with_copies(problem: PlacementProblem, points: Array) -> Array:
     return np.stack([points, *(move(isometry, points) for isometry in problem.symmetry)], axis=1)
 
 
-def _keep_rules(
+def keep_rules(
     problem: PlacementProblem, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
 ) -> NDArray[np.bool_]:
     """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
@@ -79,7 +74,7 @@ def _keep_rules(
     for m in range(1, count):
         allowed &= contains(region, drawn[:, m])
     if count > 1:
-        allowed &= apart_from_copies(assumed, problem.estimation.projections, _spacing(problem))
+        allowed &= apart_from_copies(assumed, problem.estimation.projections, spacing_of(problem))
     return np.asarray(allowed)
 
 
@@ -93,14 +88,14 @@ def _candidates(
     batches: list[Array] = []
     for _ in range(BATCHES):
         drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
-        batches.append(drawn[_keep_rules(problem, terms, region, drawn)])
+        batches.append(drawn[keep_rules(problem, terms, region, drawn)])
         if sum(map(len, batches)) >= CANDIDATES // 4:
             break
     candidates = np.concatenate(batches)
     return problem.estimation.assume((candidates if len(candidates) else drawn)[:CANDIDATES])
 
 
-def _put_apart(
+def put_apart(
     groups: NDArray[np.int64],
     candidates: list[Array],
     orders: list[NDArray[np.int64]],
@@ -157,7 +152,7 @@ def starting_layouts(
         points, own = problem.estimation.assume(problem.system.fiducials_mm), [pools[r] for r in which]
         model = model._replace(imaging=model.imaging._replace(points=points))
         orders = [rng.permutation(len(pool)) for pool in own]
-        _put_apart(groups, own, orders, points, model.imaging.projections, spacing, anyway=True)
+        put_apart(groups, own, orders, points, model.imaging.projections, spacing, anyway=True)
         exchange(groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()
         free = list(problem.free_fiducials)
@@ -168,7 +163,7 @@ def starting_layouts(
     return layouts
 
 
-def _spacing(problem: PlacementProblem) -> Spacing:
+def spacing_of(problem: PlacementProblem) -> Spacing:
     return Spacing(float(problem.min_spacing_mm), float(problem.min_projected_spacing_px))
 
 
@@ -203,88 +198,6 @@ def clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
         generator = clip(place.region, layout[[place.fiducials[0]]])
         layout[list(place.fiducials)] = with_copies(problem, generator)[0]
     return layout
-
-
-def careless_layouts(problem: PlacementProblem, terms: tuple[DemandTerms, ...], count: int, seed: int) -> list[Array]:
-    """Up to ``count`` layouts (N, 3) mm as a careless designer might draw them: random, but within every rule.
-
-    Fiducials are drawn uniformly in their regions one after the other, and again where one breaks a rule.  Fewer
-    are returned when the rules are too tight for that.  Layout k depends on (seed, k) alone.
-    """
-    groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
-    regions, which = distinct(place.region for place in problem.places)
-    projections, layouts = problem.estimation.projections, []
-    for k in range(count):
-        rng = np.random.default_rng([seed, CARELESS, k])
-        for _ in range(BATCHES):
-            pools = []
-            for region in regions:
-                drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
-                pools.append(drawn[_keep_rules(problem, terms, region, drawn)])
-            own = [pools[r] for r in which]
-            tried, orders = [problem.estimation.assume(pool) for pool in own], [np.arange(len(pool)) for pool in own]
-            assumed = problem.estimation.assume(problem.system.fiducials_mm)
-            chosen = _put_apart(groups, tried, orders, assumed, projections, _spacing(problem), anyway=False)
-            if chosen is not None:
-                layout = problem.system.fiducials_mm.copy()
-                for group, pool, c in zip(groups, own, chosen, strict=True):
-                    layout[group] = pool[c]
-                layouts.append(layout)
-                break
-    return layouts
-
-
-def textbook_layout(problem: PlacementProblem) -> tuple[str, Array] | None:
-    """What a textbook would do with the free fiducials, as (name, layout (N, 3) mm), or None where it has no answer.
-
-    One box for all: its corners, then midpoints of edges, centres of faces, its centre; six or seven leave out opposite
-    corners.  One cylinder for all: two rings at its ends.  It may break rules.
-    """
-    regions, _ = distinct(place.region for place in problem.places)
-    free = list(problem.free_fiducials)
-    if len(regions) != 1 or problem.symmetry or len(free) < 6:
-        return None
-    region = regions[0]
-    made = None
-    if isinstance(region, BoxRegion):
-        made = _on_lattice(region, len(free))
-    elif isinstance(region, Cylinder):
-        made = _on_rings(region, len(free))
-    if made is None:
-        return None
-    layout = problem.system.fiducials_mm.copy()
-    layout[free] = made[1]
-    return made[0], layout
-
-
-def _on_lattice(box: BoxRegion, count: int) -> tuple[str, Array] | None:
-    """Up to 27 points (count, 3) of a box: opposite ones follow each other."""
-    if count > 27 or not (box.high_mm > box.low_mm).all():
-        return None
-    half = [point for point in product((-1, 0, 1), repeat=3) if point <= (0, 0, 0)]
-    half.sort(key=lambda point: point.count(0))
-    ordered = [sign * np.array(point) for point in half for sign in (1, -1)][:27]
-    chosen = ordered[8 - count :][:count] if count < 8 else ordered[:count]
-    names = (
-        (8, "the corners of the box"),
-        (20, "corners and edges of the box"),
-        (26, "corners, edges and faces of the box"),
-    )
-    name = next((text for most, text in names if count <= most), "corners, edges, faces and centre of the box")
-    return name, (box.low_mm + box.high_mm) / 2 + (box.high_mm - box.low_mm) / 2 * np.array(chosen)
-
-
-def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
-    """Half of the points (count, 3) on each rim, one ring turned by half a step."""
-    if cylinder.height_mm <= 0:
-        return None
-    across = np.array(across_axis(cylinder.axis))
-    rings = []
-    for size, along, turn in (((count + 1) // 2, 0.0, 0.0), (count // 2, cylinder.height_mm, 0.5)):
-        angle = 2 * np.pi * (np.arange(size) + turn) / size
-        rim = cylinder.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
-        rings.append(cylinder.base_mm + along * cylinder.axis + rim)
-    return "two rings at the ends of the cylinder", np.concatenate(rings)
 
 
 class Spacing(NamedTuple):
