@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of, needed_gap
 from ..system import ArrayLike, View
+from .curvature import Curvature
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import log_smooth_cost, smooth_cost
 from .problem import ROUNDED, Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
@@ -58,14 +59,14 @@ POLISH = QUIET | {
     "ipopt.acceptable_tol": 1e-7,
     "ipopt.acceptable_iter": 6,
     "ipopt.warm_start_init_point": "yes",
-    "ipopt.mu_init": 1e-5,
+    "ipopt.mu_strategy": "adaptive",  # takes the barrier from the point, which a fixed start would leave again
     "ipopt.warm_start_bound_push": 1e-7,
     "ipopt.warm_start_bound_frac": 1e-7,
     "ipopt.warm_start_slack_bound_push": 1e-7,
     "ipopt.warm_start_slack_bound_frac": 1e-7,
     "ipopt.warm_start_mult_bound_push": 1e-7,
 }
-# A dense exact Hessian of so many positions is a gigabyte of expressions; beyond, curvature is learnt on the way.
+# Of more positions the exact Hessian takes longer than what it saves; curvature is learnt on the way.
 EXACT_HESSIAN = 20
 LEARNT: dict[str, Any] = {
     "ipopt.hessian_approximation": "limited-memory",
@@ -122,6 +123,7 @@ class Program:
     idle: NDArray[np.intp]  # variables of half-widths that move no quantile of the programme: as loose as may be
     explore: tuple[Any, ...]  # one solver per thread, sharing the derivatives
     polish: Any
+    curvature: Curvature | None  # of the quantiles, which the solvers call: it lives as long as they do
     constraints: Any  # (x, p) -> (f, g)
     jacobian: Any
     gradient: Any
@@ -230,11 +232,12 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
         ca.jacobian(constraints[len(terms) :], variables),
     )
     jacobian = ca.Function("nlp_jac_g", [variables, parameters], [constraints, slopes], ["x", "p"], ["g", "jac_g_x"])
-    learnt = LEARNT if len(movable) > EXACT_HESSIAN else {}
-    explore = make_solver("explore", nlp, EXPLORE | {"jac_g": jacobian} | learnt)
-    shared = {"grad_f": explore.get_function("nlp_grad_f"), "jac_g": jacobian} | learnt
-    if not learnt:
-        shared["hess_lag"] = explore.get_function("nlp_hess_l")
+    curvature = None
+    if len(movable) <= EXACT_HESSIAN:
+        curvature = Curvature(ca.vertcat(variables, parameters), constraints[: len(terms)], variables.numel())
+    shared = {"jac_g": jacobian} | (LEARNT if curvature is None else {"hess_lag": _hessian(nlp, curvature)})
+    explore = make_solver("explore", nlp, EXPLORE | shared)
+    shared["grad_f"] = explore.get_function("nlp_grad_f")
     return Program(
         problem=problem,
         terms=terms,
@@ -247,11 +250,25 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
         idle=3 * len(movable) + np.flatnonzero(blind_half_widths(problem, terms) & (problem.objective != "scaling")),
         explore=(explore, *(make_solver("explore", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=make_solver("polish", nlp, POLISH | shared),
+        curvature=curvature,
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
         jacobian=shared["jac_g"],
         gradient=shared["grad_f"],
         expressions=nlp,
     )
+
+
+def _hessian(nlp: dict[str, Any], curvature: Curvature) -> Any:
+    """Of the Lagrangian: that of the quantiles by their operations, that of the rest in symbols."""
+    x, p, f, g = nlp.values()
+    quantiles = curvature.numel_in(1)  # the first rows
+    names = "x", "p", "lam_f", "lam_g"
+    weights = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
+    rest = weights[0] * f + ca.dot(weights[1][quantiles:], g[quantiles:])
+    of_rest = ca.Function("rest", [x, p, *weights], [ca.triu(ca.hessian(rest, x)[0])])
+    given = [ca.MX.sym(name, part.numel()) for name, part in zip(names, (x, p, *weights), strict=True)]
+    whole = of_rest(*given) + ca.triu(curvature(ca.vertcat(*given[:2]), given[3][:quantiles]))
+    return ca.Function("nlp_hess_l", given, [whole], names, ["triu_hess_gamma_x_x"])
 
 
 class _Symbols(NamedTuple):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from math import inf
+from math import exp, inf, isnan, log
 from queue import SimpleQueue
 
 import numpy as np
@@ -500,23 +500,28 @@ class Start:
 
 def start_at(program: Program, layout: Array) -> Start:
     """Variables and parameters at a layout (N, 3), everything mechanical as it is."""
-    problem = program.problem
+    problem, signs = program.problem, np.zeros((len(program.terms), 0))
     least = least_half_widths(problem, program.present_width)
     choice = program.split(program.join(replace(present_choice(problem), fiducials_mm=layout, half_width=least)))
-    evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
-
-    def worst(half_width: Array) -> float:
-        return worst_closed_ratio(program, evaluations, replace(choice, half_width=half_width))
-
-    tightest = worst(choice.half_width)
-    if len(choice.half_width):
-        choice = replace(choice, half_width=_half_widths(program, worst))
+    if program.terms[0].at_ends:
+        signs = np.array([evaluate_demand(problem, term, choice).signs for term in program.terms])
     parameters = Parameters(
         np.log([term.demand.requirement.limit for term in program.terms]),
-        np.array([item.signs for item in evaluations]).reshape(len(evaluations), -1),
+        signs,
         tuple(no_correction(problem, term) for term in program.terms),
         program.pieces_of(choice),
     )
+    vector = parameters.vector(program, "main")
+
+    def log_worst(half_width: Array) -> float:
+        """Of the squared ratios; infinite where the layout has no answer."""
+        x = program.join(replace(choice, half_width=half_width))
+        worst = float(program.constraints(x, vector)[1].full()[: len(program.terms)].max())
+        return inf if isnan(worst) else worst
+
+    tightest = exp(log_worst(choice.half_width) / 2)
+    if len(choice.half_width):
+        choice = replace(choice, half_width=_half_widths(program, log_worst))
     return Start(program.join(choice), parameters, tightest)
 
 
@@ -528,7 +533,7 @@ def worst_closed_ratio(program: Program, evaluations: list[Evaluation], choice: 
     )
 
 
-def _half_widths(program: Program, worst: Callable[[Array], float]) -> Array:
+def _half_widths(program: Program, log_worst: Callable[[Array], float]) -> Array:
     """(K,) in the proportions of the trace bound's optimum, scaled to meet the limits (or to spend the cost limit).
 
     Minimising ``sum w h^-n`` under ``sum |g|^2 h^2 <= const`` gives ``h ~ (n w / |g|^2)^(1 / (n + 2))``.
@@ -546,7 +551,7 @@ def _half_widths(program: Program, worst: Callable[[Array], float]) -> Array:
         half_width = np.clip(np.exp(log_scale) * shape, low, high)
         if problem.cost_limit is not None:
             return problem.cost_limit * 1.02 - problem.cost(half_width)
-        return worst(half_width) - BELOW
+        return log_worst(half_width) - 2 * log(BELOW)
 
     return np.asarray(np.clip(np.exp(largest_within(excess, -40.0, 40.0, 1e-10)) * shape, low, high))
 

@@ -1,9 +1,10 @@
-"""Object arrays of CasADi scalars, on which the compiled model's own source runs."""
+"""Object arrays of CasADi scalars, or of arrays, on which the compiled model's own source runs."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..system import ArrayLike
@@ -22,9 +23,25 @@ def times(values: ArrayLike, factor: ArrayLike) -> ArrayLike:
     return out
 
 
+def gram(matrix: ArrayLike) -> ArrayLike:
+    """``matrix @ matrix.T`` (m, m), in CasADi for symbols: an object array multiplies them one by one."""
+    if not any(isinstance(each, ca.SX) for each in matrix.flat):
+        return np.asarray(matrix @ matrix.T)
+    whole = ca.reshape(ca.vertcat(*matrix.T.ravel()), *matrix.shape)
+    return elements(ca.vec(ca.mtimes(whole, whole.T))).reshape(len(matrix), len(matrix))
+
+
 def elements(vector: Any) -> ArrayLike:
     """A CasADi column as an object array of its scalars."""
     out = np.empty(vector.numel(), dtype=object)
     for k in range(vector.numel()):
         out[k] = vector[k]
+    return out
+
+
+def side_by_side(values: ArrayLike) -> ArrayLike:
+    """Values (n, m) of n scalars in m cases as an object array (n,) of arrays (m,)."""
+    out = np.empty(len(values), dtype=object)
+    for k, each in enumerate(values):
+        out[k] = each
     return out

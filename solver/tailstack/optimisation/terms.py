@@ -25,6 +25,7 @@ from ..geometry.rotation import displacement
 from ..levels import Drawn
 from ..propagation.columns import gains_of_images, shift_together
 from ..propagation.linear import (
+    UNJUDGED,
     Block,
     ErrorModel,
     KnownShift,
@@ -46,7 +47,7 @@ from .problem import (
     with_pivots,
 )
 from .regions import bounding_box
-from .symbols import plain, times
+from .symbols import gram, plain, times
 
 PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one loses no digits
 
@@ -236,9 +237,9 @@ def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint
 
 
 def linearise_demand(system: System, demand: QuantileConstraint) -> tuple[ErrorModel, tuple[LinearModel, ...]]:
-    """The linear model of what is limited, and that of each target.  Raises IllPosedError."""
+    """The linear model of what is limited, and that of each target, not judged.  Raises IllPosedError."""
     chain = chain_of(system)
-    models = {target.name: linearise_at(chain, target) for target in demand.targets}
+    models = {target.name: linearise_at(chain, target, UNJUDGED) for target in demand.targets}
     points = tuple(models.values())
     return points[0] if demand.is_point else join(models, demand.measure, demand.site), points
 
@@ -376,7 +377,7 @@ def image_parts_at(
     single, common, to_error = len(estimator.std), len(terms.common), plain(terms.to_error)
     noises, made = np.split(columns[:, :single] * plain(estimator.std), [views * rows], axis=1)
     noises = _tell_apart(noises, np.arange(views * rows) % rows >= rows - 2)
-    noise, made = (to_error @ part @ part.T @ to_error.T for part in (noises, made))
+    noise, made = (to_error @ gram(part) @ to_error.T for part in (noises, made))
     moved = to_error @ columns[:, single:] + plain(terms.flange_to_error) @ np.vstack(at_flange)
     known = moved[:, common:].sum(axis=1) + moved[:, :common] @ plain(terms.vertex)
     return ImageParts(noise, made, known, moved[:, :common].T)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 from typing import NamedTuple, assert_never
 
 import numpy as np
@@ -409,7 +410,17 @@ def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> Erro
     return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks))
 
 
-def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None) -> LinearModel:
+class ValidityGrounds(NamedTuple):
+    """By what the validity of a linear model is judged."""
+
+    nonlinearity: Nonlinearity
+    turns: Turns
+
+
+UNJUDGED = ValidityGrounds(Nonlinearity(nan, nan, nan, nan, nan), NO_TURNS)  # where nobody asks: it is most of the work
+
+
+def linearise_at(chain: Chain, target: Target, whole: LinearModel | ValidityGrounds | None = None) -> LinearModel:
     """:func:`linearise` where the chain is known already; by what its validity is judged is taken from ``whole``."""
     system = chain.system
     passage = pass_mounts(chain.mounts, target.position_mm)
