@@ -72,7 +72,7 @@ from .system import (
 from .tail.declared import (
     LawSummary,
     accuracy_for,
-    law_mean,
+    evaluation_of,
     law_quantile,
     split_columns,
     tail_numbers,
@@ -375,7 +375,7 @@ class Batch:
         def of_target(column: str, name: str) -> float:
             law = law_at(name, "localisation" if column == "localisation_p95_mm" else "tcp").law
             if column == "mean_norm_mm":
-                return law_mean(law, P95)
+                return evaluation_of(law, P95).excess(0.0)
             return hypot(*law.mean) if column == "bias_norm_mm" else law_quantile(law, P95).quantile_mm
 
         checks: list[Check] = []

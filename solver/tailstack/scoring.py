@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from math import inf, isinf
+from math import inf, isinf, isnan
 from typing import Any
 
 import numpy as np
@@ -56,10 +56,12 @@ from .results import (
     ViewCheck,
 )
 from .results.quality import ppk_of
-from .results.verdicts import BREACHES_MM, MISSED, P95, Breach
+from .results.score import FiftyShots
+from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, decisive_check
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
-from .tail.declared import LawSummary, LinearLaw, PairLaw, law_exceedance, law_quantile, law_summary
+from .tail.declared import LawSummary, LinearLaw, MixedLaw, PairLaw, law_exceedance, law_quantile, law_summary
+from .tail.fifty import fifty_quantiles
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk
 from .verdict import conclude, judge
@@ -84,7 +86,12 @@ def not_included(system: System, *, simulated: bool = False, missed: bool = Fals
 
 
 def score(
-    design: Design | System, *, second_order: bool = False, losses: bool = True, reliability: bool = False
+    design: Design | System,
+    *,
+    second_order: bool = False,
+    losses: bool = True,
+    reliability: bool = False,
+    fifty_shots: bool = False,
 ) -> Score:
     """Score a design to first order, every target and requirement.
 
@@ -94,8 +101,9 @@ def score(
     ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
     where it does not).  ``losses``: whether the worst loss of one fiducial and of two is looked for, half as long
     again, and how far each lever leads by itself.  ``reliability`` adds, for each view and fiducial, the smallest slip
-    of its image that a test of residuals notices, and what one below it does.  Raises DesignError for a document that
-    breaks its rules and IllPosedError for a geometry that does not determine the answer.
+    of its image that a test of residuals notices, and what one below it does.  ``fifty_shots`` adds what fifty shots
+    come to that stand for all, of the requirement that decides.  Raises DesignError for a document that breaks its
+    rules and IllPosedError for a geometry that does not determine the answer.
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
@@ -108,6 +116,7 @@ def score(
         for requirement in system.requirements
         for name in requirement.targets
     )
+    decides = decisive_check(checks)
     if search is not None and system.loss_probability:
         trust = trust_over_shots(trust, search)
         findings += (_remark_missed(search, trust),)
@@ -125,6 +134,7 @@ def score(
         reliability=slip_reliabilities(chain, models) if reliability else (),
         measures=tuple(_score_measure(metrics[metric.key], metric.site) for metric in system.derived_metrics),
         levers=tuple(_levers(design, system, metrics, targets)) if losses and not system.loss_probability else (),
+        fifty_shots=_draw_fifty(decides, metrics[decides.target, decides.error]) if fifty_shots and decides else None,
     )
 
 
@@ -326,6 +336,15 @@ def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
         breaches=() if site.corridor_mm is None else _score_breaches(error.at.law, site.corridor_mm),
         ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0]))) if limited else None,
     )
+
+
+def _draw_fifty(check: Check, error: ErrorScore) -> FiftyShots:
+    """Of what a check limits."""
+    measure, shots = MEASURE[check.error], error.shots(check.quantile)
+    law = MixedLaw([error.law_at(check.quantile).law], np.ones(1)) if shots is None else shots.law
+    values = [None if isnan(value) else value for value in fifty_quantiles(law).tolist()]
+    limit = check.limit if check.beyond is None else check.beyond
+    return FiftyShots(f"{measure.words}, {check.target}", measure.unit, tuple(values), limit, law.exceedance(limit))
 
 
 def _score_breaches(law: LinearLaw, corridor_mm: float) -> tuple[Breach, ...]:

@@ -38,6 +38,9 @@ class ScoreOptions(Options):
         description="Search what moving fiducials leads to by itself, and one view more, within what the design's "
         "optimise section allows: seconds. Needs losses.",
     )
+    fifty_shots: Annotated[bool, Flag("add fifty shots that stand for all, as dots")] = Field(
+        False, description="Add fifty quantiles of what decides: fifty shots that stand for all, and how many miss."
+    )
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
@@ -47,6 +50,7 @@ class ScoreOptions(Options):
             reliability=bool(record.reliability),
             losses=bool(record.losses or record.levers),
             search=any(lever.how == "found" for lever in record.levers),
+            fifty_shots=record.fifty_shots is not None,
         )
 
     def seconds(self, sizes: Iterable[Size]) -> float:
@@ -56,9 +60,9 @@ class ScoreOptions(Options):
 def _score(call: Call) -> Score:
     from tailstack.scoring import score
 
-    options, design = call.options, call.design
-    found = score(design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
-    if not options.search:
+    design = call.design
+    found = score(design, **call.options.model_dump(exclude={"search"}))
+    if not call.options.search:
         return found
     from .levers import search_levers
 

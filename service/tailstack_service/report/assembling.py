@@ -66,7 +66,7 @@ def assemble(
     design: Design, options: ReportContents, verification: Verification | None, optimisation: Optimisation | None
 ) -> Report:
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
-    scored = score_design(design)
+    scored = score_design(design, fifty_shots=True)
     ready = prepare(design, sampled=verification is not None)
     pictured = _choose_targets(scored)
     return Report(

@@ -15,7 +15,7 @@ from .record import Result
 from .tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Row, Table, fill, tabulate
 from .verdicts import Matrix3, MeasureResult, Provenance, Vector3, Verdict, ViewCheck
 
-MOST_BARS = 12
+MOST_BARS, SHOTS = 12, 50
 How = Literal["perfect", "least", "bound", "found"]
 
 
@@ -329,6 +329,22 @@ class Lever:
     found: the best of a search within what optimise allows."""
 
 
+@dataclass(frozen=True, slots=True)
+class FiftyShots:
+    """Fifty shots that stand for all: quantiles in the middles of fifty equal parts of a law over units and shots."""
+
+    of: str
+    """Which measure, and where: what the requirement that decides limits."""
+    unit: str
+    """Unit of values and limit."""
+    values: tuple[float | None, ...]
+    """Quantiles of order 0.01, 0.03, ... 0.99, each order met to 2e-4; null: such a shot has no answer."""
+    limit: float
+    """Limit, or the error beyond which shots are counted."""
+    exceedance_probability: float
+    """Probability of a shot beyond the limit; fifty times it, rounded, of the values are beyond."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
@@ -356,6 +372,8 @@ class Score(Result):
     levers: tuple[Lever, ...] = ()
     """What each thing that can be changed leads to by itself, of each requirement the one that leads furthest first;
     none of a corridor, and none where fiducials are missed or losses were not asked for."""
+    fifty_shots: FiftyShots | None = None
+    """Fifty shots of what decides; null where nothing is limited, or they were not asked for."""
 
     @property
     def worst_target(self) -> TargetScore:

@@ -433,10 +433,11 @@ class MixedLaw:
     laws: Sequence[LinearLaw]
     weights: Array
     near: float = 0.95  # the quantile about which it is asked
+    fine: bool = True  # how exactly
 
     @cached_property
     def _members(self) -> list[DeclaredLaw | GaussianLaw | PairLaw]:
-        members = [evaluation_of(law, self.near) for law in self.laws]
+        members = [evaluation_of(law, self.near, self.fine) for law in self.laws]
         for member in members:
             if isinstance(member, DeclaredLaw):
                 member.quantile(self.near)  # radii up to a little above it are read from one lattice
@@ -445,6 +446,10 @@ class MixedLaw:
     def probabilities(self, radii: Array) -> Array:
         """(S,) P_k(|e| <= r_k) of each of the laws; radii (S,) mm."""
         return np.array([member.probability(r) for member, r in zip(self._members, radii.tolist(), strict=True)])
+
+    def probability(self, r: float) -> float:
+        """P(|e| <= r)"""
+        return float(self.weights @ self.probabilities(np.full(len(self.laws), r)))
 
     @property
     def given_answer(self) -> MixedLaw:
@@ -462,7 +467,7 @@ class MixedLaw:
         if self.weights.sum() <= p:
             return inf
         start = law_quantile(self.laws[int(self.weights.argmax())], p).quantile_mm
-        return find_radius(lambda r: float(self.weights @ self.probabilities(np.full(len(self.laws), r))), p, start)
+        return find_radius(self.probability, p, start)
 
     def exceedance(self, limit: float) -> float:
         """P(|e| > limit), limit >= 0 mm."""
@@ -535,11 +540,6 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
     return LawSummary(quantile, evaluation.excess(0.0), tail_mean, exceedance)
 
 
-def law_mean(law: LinearLaw, p: float) -> float:
-    """E|e|, mm, with the accuracy that :func:`law_summary` has it for a quantile at p."""
-    return evaluation_of(law, p).excess(0.0)
-
-
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True, near: float | None = None) -> LawGradient:
     """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser; near: of
     :func:`law_quantiles`."""
@@ -590,7 +590,7 @@ def tail_numbers(
     mean: Array, covariance: Array, h: Array, p: float, accuracy: Accuracy, averaged: bool
 ) -> tuple[float, float]:
     """(the p-quantile of |e|, E|e| if it is wanted), mm, of a law with uniform columns h (K, 3) mm: what
-    :func:`law_quantile` and :func:`law_mean` say.  NaN: the law has no lattice, or the quantile did not converge."""
+    :func:`law_summary` says.  NaN: the law has no lattice, or the quantile did not converge."""
     if h.shape[0] == 0:
         variances, m, _ = principal_axes(mean, covariance)
         return quantile_on_axes(p, variances, m), mean_on_axes(variances, m) if averaged else np.nan

@@ -23,6 +23,7 @@ from tailstack.results.verdicts import (
 
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_budgets, draw_errors, draw_scale, draw_tolerances
+from ..dots import draw_dots, say_misses
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import comparison_decimals, decided_difference, difference_decimals, tightest_check
 from .layout import layout_blocks, load_inside
@@ -193,7 +194,19 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
     }
     if len(shared) > len(comparison.differences):
         alone.append(f"Compared are the {len(comparison.differences)} targets with the largest P95 of {len(shared)}.")
-    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(comparison))
+    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()), *_shots(comparison), *_errors(comparison))
+
+
+def _shots(comparison: Comparison) -> Iterator[Figure]:
+    """Fifty shots of what decides each design on one scale; on two where their units differ."""
+    both = [
+        (f"{which} design, {shots.of}: {say_misses(shots)}", shots)
+        for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True)
+        if (shots := report.score.fifty_shots) is not None
+    ]
+    for k, unit in enumerate(dict.fromkeys(shots.unit for _, shots in both)):
+        name, alike = f"fifty-shots-{k + 1}", [row for row in both if row[1].unit == unit]
+        yield Figure(name, draw_dots(alike, name), "Fifty shots that stand for all, by estimate, of what decides each.")
 
 
 def _errors(comparison: Comparison) -> Iterator[Figure]:

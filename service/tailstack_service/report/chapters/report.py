@@ -12,6 +12,7 @@ from tailstack.results.verification import estimates_table
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ...rendering.sentences import units_sentence
 from ..charts import draw_distribution, draw_tolerances
+from ..dots import dots_blocks
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from .layout import beads_table, layout_blocks, load_inside, score_if_determined
@@ -101,7 +102,7 @@ def budget_chapter(report: Report) -> tuple[Block, ...]:
 
 def error_chapter(report: Report) -> tuple[Block, ...]:
     """Distributions, then the numbers of every target."""
-    blocks: list[Block] = []
+    blocks: list[Block] = [*dots_blocks(report.score)]
     first = {target.name: target for target in report.score.targets}
     check = report.verification
     drawn = {} if check is None else {target.name: target for target in check.targets}

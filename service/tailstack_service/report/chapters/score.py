@@ -53,6 +53,7 @@ from ...rendering.sentences import (
     views_sentence,
 )
 from ..charts import PHONE, Scaled, draw_levers, draw_scale, draw_shares
+from ..dots import dots_blocks
 from ..headline import headline_of
 from ..live_budget import live_budget
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
@@ -282,6 +283,7 @@ def measures_blocks(found: Score | Verification) -> tuple[Block, ...]:
 def error_blocks(score: Score) -> tuple[Block, ...]:
     views = (views_table(score.views),) if score.views else ()
     return (
+        *dots_blocks(score),
         group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
         *measures_blocks(score),
         group(Paragraph(units_sentence(score.worst_target, score.decimals)), on=PAPER),

@@ -10,6 +10,7 @@ import { runs, start, unfinished } from "../jobs";
 import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf } from "../readings";
 import { changed, mm, readNumber, stated, VERDICTS } from "../words";
 import { CArmChoice, CArmNote, wishes } from "./CArm";
+import { Dots, isDrawn } from "./Dots";
 import { beginMinute } from "./Minute";
 import { ghost } from "./Pictures";
 import { fileName, save } from "./Reports";
@@ -301,7 +302,7 @@ async function copy(content: string, words: string): Promise<void> {
 const scored = signal<Record<string, Reading<"estimate"> | null>>({}); // by text; null: it has no answer
 
 async function scoreOf(source: string): Promise<void> {
-  const response = await send("POST", "/v1/scores", { design: parse(source).data }).catch(() => null);
+  const response = await send("POST", "/v1/scores", { design: parse(source).data, fifty_shots: true }).catch(() => null);
   scored.value = { ...scored.value, [source]: response?.ok ? read<"estimate">((await response.json()) as Score) : null };
 }
 
@@ -342,6 +343,7 @@ export function Variants() {
           </table>
         </div>
       )}
+      {chosen && <Dots rows={[{ name: chosen.name, shots: scored.value[chosen.text]?.record.fifty_shots }, { name: "now", shots: now.estimate?.record.fifty_shots }].filter(isDrawn)} />}
       {chosen && <Differences name={chosen.name} before={parse(chosen.text).data} />}
     </>
   );

@@ -12,6 +12,7 @@ import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } f
 import { Rests } from "./Assumed";
 import { Checks, interval, Measures } from "./Checks";
 import { NumberField } from "./Controls";
+import { Dots } from "./Dots";
 import { Reach } from "./Levers";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
@@ -68,6 +69,7 @@ export function Verdict() {
           </dl>
         )}
       </div>
+      {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
       <Acts />
       <History />
       <div class="sentence">
