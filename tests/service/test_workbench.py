@@ -59,7 +59,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
     assert found["sizes"] < 600_000
     awaited = [path.rpartition("/")[2] for path in found["awaited"]]
     assert awaited == ["scores"]  # by a page that is opened again, until its number is there
-    record = json.loads(to_json(score(load_design(EXAMPLES / "demo.yaml"))))
+    record = json.loads(to_json(score(load_design(EXAMPLES / "demo.yaml"), fifty_shots=True)))
     assert found["score"] == record  # to the last digit
     assert found["p95"] == f"{record['verdict']['checks'][0]['value']:.2f}"  # good to 1 % of a limit of 1 mm
 
