@@ -76,12 +76,12 @@ def draw_dots(rows: Sequence[tuple[str, FiftyShots]], name: str = "fifty-shots",
         if tall * wide / columns <= TALLEST:
             break
     step, size = end / columns, wide / columns
-    height = tall * size + 46
-    with open_page(name, height * len(rows) + 40, width) as page:
+    height = tall * size + 66
+    with open_page(name, height * len(rows) + 20, width) as page:
         for k, ((words, shots), heap) in enumerate(zip(rows, heaps, strict=True)):
             top, title = k * height, f"{shots.of.removeprefix('the ')}, {shots.unit}"
             page.say(LEFT, top + 12, printable(words, int(wide / LETTER)), weight="bold")
-            axes = page.axes(LEFT, top + 34, width - LEFT, top + height - 12, title if k == len(rows) - 1 else "")
+            axes = page.axes(LEFT, top + 34, width - LEFT, top + height - 32, title if k == len(rows) - 1 else "")
             axes.grid(False)
             axes.yaxis.set_visible(False)
             axes.set(xlim=(0, end), ylim=(0, tall))
