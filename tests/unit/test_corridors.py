@@ -74,7 +74,7 @@ def compare(rng: np.random.Generator, trials: int) -> None:
     r = found.quantile.quantile_mm
     pair = PairLaw(law, 0.95, fine=True)
     for radius in (0.5 * r, r, 1.4 * r):
-        value, error = pair.exceedance(radius), pair.added(radius)[1]
+        value, error = pair.exceedance_with_error(radius)
         share = 1 - np.searchsorted(longer, radius) / trials
         assert abs(value - share) < 6.5 * np.sqrt(error**2 + value * (1 - value) / trials) + 1e-9
         assert error < 0.02 * value + 1e-6

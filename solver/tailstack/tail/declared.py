@@ -51,7 +51,7 @@ from .lattice import (
     reach_of,
     sum_of_products,
 )
-from .pairs import PairSample, mean_and_error, sample_pair
+from .pairs import LOG2_POINTS, LOG2_RARE, PairSample, mean_and_error, sample_pair
 from .sampling import Sample, sample
 
 _WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
@@ -61,6 +61,10 @@ GAUSSIAN_METHOD = "exact (Gaussian, contour integral)"
 LATTICE_METHOD = "exact (characteristic function on a lattice)"
 SAMPLED_METHOD = "randomised quasi-Monte-Carlo of the linear model"
 PAIR_METHOD = "exact at the worse end, what the other adds by rays"
+RARE_ERROR, RARE_FLOOR = (
+    0.01,
+    1e-7,
+)  # standard error of a probability, of itself and besides, beyond which more is drawn
 
 # Terms smaller than this are left out of a lattice sum: for the answer itself, and for the many laws of a budget.
 _FINE, _COARSE = 5e-10, 4e-7
@@ -348,7 +352,15 @@ class PairLaw:
 
     @cached_property
     def points(self) -> PairSample:
-        return sample_pair(self.law.mean, self.law.covariance, self.law.columns, self.law.kinds)
+        return self._sample(LOG2_POINTS)
+
+    @cached_property
+    def rare_points(self) -> PairSample:
+        """Sixteen times as many."""
+        return self._sample(LOG2_RARE)
+
+    def _sample(self, log2_points: int) -> PairSample:
+        return sample_pair(self.law.mean, self.law.covariance, self.law.columns, self.law.kinds, log2_points)
 
     def added(self, r: float) -> tuple[float, float]:
         """P(|x_1| <= r < |x_2|), and its standard error."""
@@ -376,8 +388,10 @@ class PairLaw:
 
     def exceedance_with_error(self, r: float) -> tuple[float, float]:
         """The same, and the standard error of what is sampled of it."""
-        added, error = self.added(r)
-        return self.longer.exceedance(r) + added, error
+        alone, (added, error) = self.longer.exceedance(r), self.added(r)
+        if error > RARE_ERROR * (alone + added) + RARE_FLOOR:
+            added, error = mean_and_error(self.rare_points.outside(r, self.first))
+        return alone + added, error
 
     def excess(self, r: float) -> float:
         """E[(|e| - r)+], mm; what the other adds, to some 0.2 % of the whole, by Gauss and Legendre's rule up to six

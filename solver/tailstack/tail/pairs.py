@@ -19,7 +19,7 @@ from ..geometry.arrays import Array
 from ..laws import shape_deviates
 from .sampling import RANDOMISATIONS, sobol_points
 
-LOG2_POINTS = 10  # of each scrambling
+LOG2_POINTS, LOG2_RARE = 10, 14  # of each scrambling; the second for probabilities that few rays meet
 _SAME = 1e-12  # relative: a variance that small beside the largest is rounding
 
 
@@ -55,13 +55,15 @@ class PairSample:
         return np.asarray(total)
 
 
-def sample_pair(mean: Array, covariance: Array, columns: Array, kinds: NDArray[np.int64]) -> PairSample:
+def sample_pair(
+    mean: Array, covariance: Array, columns: Array, kinds: NDArray[np.int64], log2_points: int = LOG2_POINTS
+) -> PairSample:
     """Rays of the law of two vectors: mean (6,) mm, covariance (6, 6) mm^2, columns (6, K) mm of sources of these
     laws (K,), places in SUMS."""
     variances, axes = np.linalg.eigh(covariance)
     kept = variances > _SAME * max(variances[-1], 0.0)
     root = axes[:, kept] * np.sqrt(variances[kept])
-    z, u = sobol_points(max(int(kept.sum()), 1), len(kinds), LOG2_POINTS)
+    z, u = sobol_points(max(int(kept.sum()), 1), len(kinds), log2_points)
     u = shape_deviates(u, kinds)
     direction = z / np.linalg.norm(z, axis=1, keepdims=True)
     start = (mean + u @ columns.T).reshape(-1, 2, 3)
