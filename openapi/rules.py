@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 METHODS = ("get", "put", "post", "delete", "options", "head", "patch", "trace")
 PROBLEM = "application/problem+json"
 SNAKE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
-UNIT = re.compile(r"_(mm2?|mm_per_n|deg|px|n|k|um_per_m_k|s|seconds|percent|bytes|per_unit)\Z")
+UNIT = re.compile(r"_(mm2?|mm_per_n|per_m|deg|px|n|k|um_per_m_k|s|seconds|percent|bytes|per_unit)\Z")
 
 # What a status obliges to say in headers, whatever the operation.
 HEADERS = {
@@ -35,12 +35,12 @@ UNSAID = {"text/plain"}  # means nothing without the parameter that says what th
 ITSELF = "get_openapi"  # answers with this very document, which is its own example
 
 COUNTS = frozenset(
-    {"benches", "broken", "changes_left_out", "column",
-     "compared_cells", "compared_trials", "converged_starts", "count", "counts", "evaluations", "exit_code",
-     "fiducials", "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials",
-     "min", "n", "open", "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused",
-     "rows", "scored", "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials",
-     "trials_with_losses", "trials_without_answer", "units_done", "units_expected", "workers"}
+    {"benches", "broken", "changes_left_out", "column", "compared_cells", "compared_trials", "converged_starts",
+     "count", "counts", "evaluations", "exit_code", "fiducials", "first_start", "flagged_trials",
+     "installations", "kept", "line", "lost", "markers", "max", "max_trials", "min", "n", "open", "order",
+     "outside_cells", "pairs", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
+     "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "trials_with_losses",
+     "trials_without_answer", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",

@@ -230,7 +230,7 @@ def test_a_turn_is_found_however_far_it_goes() -> None:
     points, count = 20 * rng.normal(size=(4, 3)), 300
     turned = np.stack([points @ Rotation.random(random_state=k).as_matrix().T for k in range(count)], axis=2)
     errors = turned + rng.normal(size=(4, 3, count)) * np.linspace(0, 20, count) - points[:, :, None]
-    found = fit_turn(points, errors)
+    found = fit_turn(points[:, :, None], errors)
     for k in range(count):
         exact, _ = kabsch(points, points + errors[:, :, k])
         assert Rotation.from_quat(np.roll(found[:, k], -1)).as_matrix() == pytest.approx(exact, abs=1e-9)

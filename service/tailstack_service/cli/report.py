@@ -20,7 +20,7 @@ from ..operations.report import ReportOptions
 from ..problems import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from tailstack.design import Design
 
@@ -102,7 +102,16 @@ def run(arguments: argparse.Namespace) -> Answer:
         path = file or output / f"{stem}.{ending}"
         replace_file(path, content)
         written.append(str(path))
-    return Answer("".join(f"{path}\n" for path in written), OPERATIONS[kind].exit_code(record))
+    return Answer("".join(f"{each}\n" for each in (*_tell(record), *written)), OPERATIONS[kind].exit_code(record))
+
+
+def _tell(record: Any) -> Iterator[str]:
+    """What stands in the terminal, too: the chapter of a profile."""
+    if getattr(record, "radiostereometry", None) is not None:
+        from ..rendering.document import blocks_text
+        from ..report.chapters.radiostereometry import radiostereometry_blocks
+
+        yield blocks_text(radiostereometry_blocks(record.radiostereometry))
 
 
 def _stem(name: str) -> str:
@@ -176,6 +185,7 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
         _design(source) if isinstance(source, bytes | Path) else _held_design(source, name)
         for source, name in zip(given, arguments.sources, strict=True)
     ]
+    _no_options(arguments, ("profile",), "two designs are compared without it", "report each by itself")
     with Progress("report") as progress:
         return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
 

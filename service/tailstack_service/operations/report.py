@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.montecarlo import MAX_TRIALS
+from tailstack.results.radiostereometry import Profile
 
 from ..console.answer import EXIT_CODE
 from ..console.flags import Flag
@@ -45,6 +46,12 @@ class ReportOptions(CheckOptions):
         examples=[["score", "verification"]],
     )
 
+    profile: Profile | None = Field(
+        None,
+        description="A chapter for a field of work. rsa, radiostereometry (ISO 16087): condition number, fitting and "
+        "crossing-line errors, and the precision of double examinations of the design's bodies.",
+    )
+
     @model_validator(mode="after")
     def _each_once(self) -> ReportOptions:
         if len(set(self.parts)) < len(self.parts):
@@ -70,6 +77,10 @@ def _check(request: Request, settings: Settings) -> None:
         check_freedom(request, settings, starts_of_design=True)
     else:
         request.refuse_by(check_design)
+    if request.options.profile is not None:
+        from tailstack.studies.radiostereometry import refuse_without_bodies
+
+        request.refuse_by(refuse_without_bodies)
 
 
 def demand_of(made: Reproduction, at: str) -> Demand:
@@ -88,7 +99,10 @@ def parts_of(record: Report) -> Parts:
 
     made = record.reproduction
     return options_of(
-        {name: getattr(made, name) for name in ("parts", "seed", "trials", "precision", "max_trials", "starts")}
+        {
+            name: getattr(made, name)
+            for name in ("parts", "seed", "trials", "precision", "max_trials", "starts", "profile")
+        }
     )
 
 

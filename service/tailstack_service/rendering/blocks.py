@@ -188,17 +188,18 @@ class Document:
     def of(self, place: On) -> Document:
         """What of it is shown at a place: no table without rows, and groups in a terminal only."""
         sections = (
-            replace(section, blocks=tuple(_list_shown(section.blocks, place)))
+            replace(section, blocks=tuple(list_shown(section.blocks, place)))
             for section in self.sections
             if section.on & place
         )
         return replace(self, sections=tuple(section for section in sections if section.blocks))
 
 
-def _list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
+def list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
+    """Those of blocks that are shown at a place."""
     for block in blocks:
         if isinstance(block, BlockGroup):
-            shown = tuple(_list_shown(block.blocks, place)) if block.on & place else ()
+            shown = tuple(list_shown(block.blocks, place)) if block.on & place else ()
             yield from (replace(block, made=shown),) if place & TERMINAL else shown
         elif not isinstance(block, Table) or block.on(place).rows:
             yield block

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED, assumed_sentence
 
-from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
+from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph, list_shown
 from .finding_groups import group_findings
 from .page import current
 from .tables import columns, fold, paint, prose_width, wrap, write_table
@@ -36,6 +36,12 @@ def document_text(document: Document) -> str:
         write_ending(document.ending, TONE.get(document.tone, document.tone)),
     )
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def blocks_text(blocks: tuple[Block, ...]) -> str:
+    """Blocks by themselves, with captions and notes of tables."""
+    shown = list_shown(blocks, On.DETAIL if current().details else On.PLAIN)
+    return "\n\n".join(text for block in shown if (text := _write_block(block, True))) + "\n"
 
 
 def write_ending(ending: str, role: str) -> str:

@@ -12,8 +12,10 @@ from tailstack.design import Design, design_to_data
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import ChainPlan
+from tailstack.results.radiostereometry import Profile
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
+from tailstack.studies.radiostereometry import PAIRS, radiostereometry, refuse_without_bodies
 from tailstack.verification import PreparedDesign, prepare
 
 from .chapters.optimisation import optimise_command
@@ -43,11 +45,14 @@ class ReportContents:
     seed: int = 0
     max_trials: int = MAX_TRIALS
     starts: int | None = None  # of the optimiser; None: as many as the design says
+    profile: Profile | None = None  # chapter for a field of work
 
 
 def compute_report(design: Design, options: ReportContents, *, progress: Progress | None = None) -> Report:
     """The report of a design, computed here and now.  Raises TailstackError."""
     verification = optimisation = None
+    if options.profile is not None:  # before the work, and not after it
+        refuse_without_bodies(design)
     if "verification" in options.parts:
         from tailstack.verification import verify
 
@@ -85,6 +90,9 @@ def assemble(
         design=design_to_data(design),
         reproduction=_reproduction(options, verification, optimisation),
         provenance=scored.provenance if verification is None else verification.provenance,
+        radiostereometry=None
+        if options.profile is None
+        else radiostereometry(design, seed=options.seed, pairs=0 if verification is None else PAIRS),
     )
 
 
@@ -140,9 +148,10 @@ def _reproduction(
     drawn = "" if verification is None else drawing_options(options)
     parts = "" if options.parts == DEFAULT_PARTS else f" --parts {','.join(options.parts)}"
     starts = "" if optimisation is None or options.starts is None else f" --starts {options.starts}"
+    profile = "" if options.profile is None else f" --profile {options.profile}"
     commands = [
         "tailstack report --verify THIS_FILE",
-        f"tailstack report design.yaml{parts}{drawn}{starts} --format json -o out",
+        f"tailstack report design.yaml{parts}{profile}{drawn}{starts} --format json -o out",
         "tailstack score design.yaml --json",
     ]
     if verification is not None:
@@ -160,6 +169,7 @@ def _reproduction(
         statement="The first command finds in this file all it needs. design.yaml is the field design of this record: "
         "the last section of this report, the sheet Design of the spreadsheet. The same version of tailstack gives the "
         "same digits, whatever the number of threads, workers or machines.",
+        profile=options.profile,
     )
 
 
@@ -180,4 +190,5 @@ def options_of(request: dict[str, Any]) -> ReportContents:
         seed=request.get("seed") or 0,
         max_trials=request.get("max_trials") or MAX_TRIALS,
         starts=request.get("starts"),
+        profile=request.get("profile"),
     )

@@ -9,6 +9,7 @@ from typing import Literal
 
 from tailstack.measures import MEASURE, MeasureName
 from tailstack.results import Optimisation, Provenance, Score, Verification
+from tailstack.results.radiostereometry import Profile, Radiostereometry
 from tailstack.results.record import Published
 from tailstack.results.verdicts import headline_of as name_headline
 
@@ -134,6 +135,8 @@ class Reproduction:
     """Starts of the optimiser; null: as many as the design says."""
     statement: str
     """What the commands reproduce, and how exactly."""
+    profile: Profile | None = None
+    """Chapter for a field of work that was asked for; null: none."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -162,6 +165,8 @@ class Report(Published):
     """How to get the same numbers again."""
     provenance: Provenance
     """Which design, by which version, under which model, and what is not included."""
+    radiostereometry: Radiostereometry | None = None
+    """What ISO 16087 asks for, with the profile rsa; null: it was not asked for."""
 
 
 @dataclass(frozen=True, slots=True)

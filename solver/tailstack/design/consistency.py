@@ -19,6 +19,7 @@ from ..errors import Problem
 from ..fields import INTERFACES, Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import RotationForm
+from ..measures.rigid_body import condition_number, spread_of
 from ..results import Vector3
 from ..system import ROTATIONS, TRANSLATIONS, Target
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, RigidBody, TargetDocument
@@ -149,23 +150,22 @@ def _bodies(document: DesignDocument) -> list[Problem]:
             others = [name for name in names if name != body.name]
             problems += find_unknown(f"{pointer}/against", "other body", body.against, others)
         if not unknown:
-            spread = find_spread(document, body)
+            spread = spread_of(places_of(document, body))
             if spread[1] <= 1e-3 * spread[0]:
                 detail = f"the targets of {body.name} lie on a line: its rotation about it is not known"
                 problems.append(Problem(f"{pointer}/targets", "free-motion", detail, "add one beside it"))
     return problems
 
 
-def find_spread(document: DesignDocument, body: RigidBody) -> Array:
-    """(3,) mm, largest first: singular values of the targets of a body about their centroid."""
+def places_of(document: DesignDocument, body: RigidBody) -> Array:
+    """(K, 3) mm, con, of the targets of a body."""
     points = {target.name: target.position_mm for target in document.targets}
-    targets = np.array([points[name] for name in body.targets])
-    return np.asarray(np.linalg.svd(targets - targets.mean(axis=0), compute_uv=False))
+    return np.array([points[name] for name in body.targets])
 
 
 def describe_condition(document: DesignDocument, body: RigidBody) -> str:
-    """The condition number of its markers, 1/m (Soderkvist and Wedin 1993; ISO 16087, Annex A)."""
-    number = 1000 / float(np.hypot(*find_spread(document, body)[1:]))
+    """The condition number of its markers, 1/m."""
+    number = condition_number(places_of(document, body))
     return f"body {body.name}: condition number of its targets {number:.0f} /m (in radiostereometry 150 or less)"
 
 

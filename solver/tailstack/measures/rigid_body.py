@@ -51,43 +51,64 @@ class BodyFit:
         arms, each = ((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1), np.ones((len(self.points), 1, 1))
         farthest = each * (np.arange(len(arms)) == arms.argmax())[:, None, None]
         return {
-            "rotation": (np.rad2deg(turn_weights(self.points)), self.turn),
-            "translation": (each * np.eye(3) / len(arms), self.shift),
-            "worst_point": (farthest * np.eye(3), self.worst),
+            "rotation": (
+                np.rad2deg(turn_weights(self.points)),
+                lambda errors: turn_vectors(self.points[:, :, None], self.errors_of_points(errors)),
+            ),
+            "translation": (each * np.eye(3) / len(arms), lambda errors: mean_in_order(self.errors_of_points(errors))),
+            "worst_point": (farthest * np.eye(3), lambda errors: pick_longest(self.errors_of_points(errors))),
         }
 
     def errors_of_points(self, errors: Mapping[str, Array]) -> Array:
         """(K, 3, n) of the K points, of errors (6, n) by target."""
         import numpy as np
 
-        own = np.stack([errors[name][:3] for name in self.targets])
-        if not self.against:
-            return own
-        others = np.stack([errors[name][:3] for name in self.against])
-        shift, centre = sum_in_order(others) / len(others), self.others.mean(axis=0)
-        back = fit_turn(self.others, others) * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
-        arms = (self.points - centre)[:, :, None]
-        return np.asarray(turn_points(back, arms + own - shift) - arms)
+        own, others = (np.array([errors[name][:3] for name in names]) for names in (self.targets, self.against))
+        return put_back(self.points[:, :, None], own, self.others[:, :, None], others)
 
-    def turn(self, errors: Mapping[str, Array]) -> Array:
-        """(3, n) axis times angle, deg, of the body, of errors (6, n) by target."""
-        import numpy as np
 
-        turn = fit_turn(self.points, self.errors_of_points(errors))
-        size = np.sqrt(sum_in_order(turn[1:] ** 2))
-        return np.asarray(turn[1:] * 2 * degrees_between(turn[0], size) / np.where(size > 0, size, 1))
+def put_back(points: Array, errors: Array, others: Array, of_others: Array) -> Array:
+    """(K, 3, n) what is left of errors of points (K, 3, n) when others, fitted by their own, are where they were;
+    without others the errors themselves."""
+    import numpy as np
 
-    def worst(self, errors: Mapping[str, Array]) -> Array:
-        """(3, n) mm of the point whose error is largest, likewise."""
-        import numpy as np
+    if not len(others):
+        return errors
+    shift, arms = mean_in_order(of_others), points - others.mean(axis=0)
+    back = fit_turn(others, of_others) * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
+    return np.asarray(turn_points(back, arms + errors - shift) - arms)
 
-        every = self.errors_of_points(errors)
-        largest = (every**2).sum(axis=1).argmax(axis=0)
-        return np.asarray(np.take_along_axis(every, largest[None, None], axis=0)[0])
 
-    def shift(self, errors: Mapping[str, Array]) -> Array:
-        """(3, n) mm of its centroid, likewise."""
-        return sum_in_order(self.errors_of_points(errors)) / len(self.points)
+def turn_vectors(points: Array, errors: Array) -> Array:
+    """(3, n) axis times angle, deg, of the turns that :func:`fit_turn` finds."""
+    import numpy as np
+
+    turn = fit_turn(points, errors)
+    size = np.sqrt(sum_in_order(turn[1:] ** 2))
+    return np.asarray(turn[1:] * 2 * degrees_between(turn[0], size) / np.where(size > 0, size, 1))
+
+
+def pick_longest(errors: Array) -> Array:
+    """(3, n) of errors (K, 3, n) those of the point whose error is largest."""
+    import numpy as np
+
+    largest = (errors**2).sum(axis=1).argmax(axis=0)
+    return np.asarray(np.take_along_axis(errors, largest[None, None], axis=0)[0])
+
+
+def spread_of(points: Array) -> Array:
+    """(3,) mm, largest first: singular values of points (K, 3) about their centroid."""
+    import numpy as np
+
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), compute_uv=False))
+
+
+def condition_number(points: Array) -> float:
+    """1/m of points (K, 3) mm: the larger, the more their noise turns the body about the axis along which they lie
+    (Soderkvist and Wedin 1993; ISO 16087, Annex A)."""
+    import numpy as np
+
+    return 1000 / float(np.hypot(*spread_of(points)[1:]))
 
 
 def cross_matrices(points: Array) -> Array:
@@ -117,16 +138,22 @@ def sum_in_order(each: Array) -> Array:
     return total
 
 
+def mean_in_order(each: Array) -> Array:
+    """:func:`sum_in_order` over their number."""
+    return sum_in_order(each) / len(each)
+
+
 def fit_turn(points: Array, errors: Array) -> Array:
-    """(4, n) unit quaternions (w, x, y, z) of the turns that take points (K, 3) closest to points + errors (K, 3, n).
+    """(4, n) unit quaternions (w, x, y, z) of the turns that take points closest to points + errors (K, 3, n); points
+    (K, 3, n), or (K, 3, 1) where they are the same throughout.
 
     Newton's method on the polar decomposition of their cross-covariance; where it does not end at its one maximum, the
     eigenvector of Horn's matrix.
     """
     import numpy as np
 
-    arms = (points - points.mean(axis=0))[:, :, None]
-    moved = arms + errors - sum_in_order(errors) / len(errors)
+    arms = points - points.mean(axis=0)
+    moved = arms + errors - mean_in_order(errors)
     covariance = sum_in_order(moved[:, :, None] * arms[:, None])  # (3, 3, n)
     turn = np.zeros((4, errors.shape[2]))
     turn[0] = 1.0

@@ -452,7 +452,7 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | ValidityGrou
             chain.weights,
             reconstructed,
             chain.matrix_covariance,
-            _common(chain, images.shifts),
+            common_of(chain, images.shifts),
             imaging.estimation.noise_of(1),
             images.row_weights,
             published=not system.triangulation.traits.own_frame,
@@ -627,7 +627,7 @@ def eq16_manufacturing(chain: Chain, columns: Array) -> Array:
     return total
 
 
-def _common(chain: Chain, shifts: Array) -> Common:
+def common_of(chain: Chain, shifts: Array) -> Common:
     """All that moves the images of a view together, and the known errors of believed intrinsics, for the validity;
     shifts (V, 2 N + 2, C + E) px."""
     rows = shifts.shape[1] - 2

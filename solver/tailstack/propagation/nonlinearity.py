@@ -284,7 +284,8 @@ class TargetImages(NamedTuple):
         return np.asarray(out)
 
 
-def _aim(projections: Array, centres: Array, target: Array, covariance: Array, common: Common) -> TargetImages:
+def aim_at(projections: Array, centres: Array, target: Array, covariance: Array, common: Common) -> TargetImages:
+    """A target (3,) mm; projections (V, 3, 4) with |p3| = 1, centres (V, 3) mm of the fiducials that each view sees."""
     heads = projections.copy()
     heads[:, :, 3] += (projections[:, :, :3] @ centres[:, :, None])[:, :, 0]
     heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
@@ -327,7 +328,7 @@ def _crossing(aim: TargetImages) -> float:
     return float(max(variance, 0.0) / squares[0])
 
 
-def _row_errors(aim: TargetImages, target_noise: Array, *, unit: bool) -> Array:
+def row_errors(aim: TargetImages, target_noise: Array, *, unit: bool) -> Array:
     """(4, 4, 2 V, 2 V) second moments of the errors of each row: of J (3) and of rho.
 
     unit: with the gauge |p3| = 1 in J, otherwise with that of ``matrix_gains``.
@@ -360,7 +361,7 @@ def _row_errors(aim: TargetImages, target_noise: Array, *, unit: bool) -> Array:
 
 def _range(aim: TargetImages, target_noise: Array, factor: Array) -> float:
     """The fifth number, squared; factor (2 V, 2 V) of the rows."""
-    errors = _row_errors(aim, target_noise, unit=False)
+    errors = row_errors(aim, target_noise, unit=False)
     to_point = np.linalg.pinv(factor @ aim.rows.reshape(-1, 3)) @ factor  # the point moves by it times -rho
     rho = errors[3, 3]
     point = to_point @ rho @ to_point.T  # E[x1 x1']
@@ -391,7 +392,7 @@ def _disagreement(
     factor (2 V, 2 V) of the rows; away (3,), from the origin to the target, and unit: mm, of the frame of the unit
     vector.
     """
-    errors = factor @ _row_errors(aim, target_noise, unit=True) @ factor.T
+    errors = factor @ row_errors(aim, target_noise, unit=True) @ factor.T
     rows = factor @ aim.rows.reshape(-1, 3)
     inverse = np.linalg.inv(rows.T @ rows)
     to_point = inverse @ rows.T
@@ -439,7 +440,7 @@ def nonlinearity(
     away, unit = target - centre, sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
     if published:
         away, unit = target, 1.0
-    aim = _aim(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance, common)
+    aim = aim_at(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance, common)
 
     factor = _factor(row_weights)
     depth, crossing = _depth(aim), _crossing(aim)

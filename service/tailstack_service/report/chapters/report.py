@@ -24,6 +24,7 @@ from .optimisation import (
     optimised_layout,
     optimised_sentence,
 )
+from .radiostereometry import radiostereometry_blocks
 from .score import (
     budget_blocks,
     error_blocks,
@@ -52,6 +53,8 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("The layout", (*layout_blocks(drawn, report.title), beads_table(report.design))),
         Section("Requirements and findings", judged_blocks(report)),
     ]
+    if report.radiostereometry is not None:
+        sections.insert(0, Section("Radiostereometry", radiostereometry_blocks(report.radiostereometry)))
     if report.optimisation is not None:
         optimisation = report.optimisation
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(optimisation)[:2])
