@@ -62,7 +62,8 @@ PRICES = frozenset(  # in the unit in which the design states its own prices
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
     {"half_widths", "limit", "objective", "objective_as_aimed",
-     "objective_left", "objective_moved", "scaling", "start", "stop", "value", "values"}
+     "objective_left", "objective_moved", "scaling", "slope", "start", "stop", "value", "value_without",
+     "values"}
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(

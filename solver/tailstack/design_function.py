@@ -84,13 +84,17 @@ class DesignFunction:
         return score(self.design_at(values), losses=losses)
 
     def p95_gradient(
-        self, values: Sequence[float] | Array, target: str | None = None, error: MeasureName = "tcp"
+        self,
+        values: Sequence[float] | Array,
+        target: str | None = None,
+        error: MeasureName = "tcp",
+        quantile: float = P95,
     ) -> tuple[float, Array]:
         """(P95 in the unit of the measure, its derivative by each input (n,) per unit of the document) at one target.
 
         target: its name, of a measure that joins several that of its site; by default the first.  error: the measure,
-        ``tcp`` at the tool, ``localisation`` or another.  At a worst vertex of bounded components the vertex stays.
-        Raises OutOfRangeError for an input by which the derivative is not known,
+        ``tcp`` at the tool, ``localisation`` or another.  quantile: of another order than P95.  At a worst vertex of
+        bounded components the vertex stays.  Raises OutOfRangeError for an input by which the derivative is not known,
         where P95 itself is only sampled, and where fiducials are missed in some shots.
         """
         system = compile_design(self.design_at(values))
@@ -105,7 +109,7 @@ class DesignFunction:
             raise OutOfRangeError(Problem("", "no-derivative", detail, "take differences of evaluations"))
         points = [each for each in system.targets if each.name in metric.site.weights]
         models = {each.name: linearise_at(chain, each) for each in points}
-        law = _Law(models, metric)
+        law = _Law(models, metric, quantile)
         slopes = [self._slope(k) for k in range(len(self.pointers))]
         by_input = [law.along(chain, slope, at) for slope, at in zip(slopes, self.pointers, strict=True)]
         return law.quantile.quantile_mm, np.array(by_input)
@@ -147,13 +151,13 @@ class DesignFunction:
 
 
 class _Law:
-    """The law of one measure at one site, and the derivative of its P95 along a change of the chain."""
+    """The law of one measure at one site, and the derivative of a quantile of it along a change of the chain."""
 
-    def __init__(self, models: Mapping[str, LinearModel], metric: Metric) -> None:
+    def __init__(self, models: Mapping[str, LinearModel], metric: Metric, quantile: float) -> None:
         self.models, self.metric = models, metric
         self.model = join(models, *metric)
-        self.at = error_law(self.model, metric.measure.name, P95)
-        self.quantile: LawQuantile = law_quantile(self.at.law, P95)
+        self.at = error_law(self.model, metric.measure.name, quantile)
+        self.quantile: LawQuantile = law_quantile(self.at.law, quantile)
 
     @cached_property
     def gradient(self) -> LawGradient:

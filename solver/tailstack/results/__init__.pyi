@@ -16,6 +16,7 @@ from .optimisation import ViewOffer as ViewOffer
 from .optimisation import ViewSearch as ViewSearch
 from .score import Bounds as Bounds
 from .score import Contributor as Contributor
+from .score import FiducialWorth as FiducialWorth
 from .score import Lever as Lever
 from .score import Loss as Loss
 from .score import Losses as Losses

@@ -345,6 +345,20 @@ class FiftyShots:
     """Probability of a shot beyond the limit; fifty times it, rounded, of the values are beyond."""
 
 
+@dataclass(frozen=True, slots=True)
+class FiducialWorth:
+    """What one fiducial does to the value that decides; without a requirement that is the largest P95 at the tool."""
+
+    fiducial: str
+    """Its label."""
+    slope: Vector3 | None
+    """What the value, in its unit, changes by for each mm along x, y and z of con; null where that is not known."""
+    value_without: float | None
+    """The value, in its unit, where this one is found in no view; null where the others give no answer."""
+    why: str = ""
+    """Why something is not known; empty: everything is."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
@@ -374,6 +388,8 @@ class Score(Result):
     none of a corridor, and none where fiducials are missed or losses were not asked for."""
     fifty_shots: FiftyShots | None = None
     """Fifty shots of what decides; null where nothing is limited, or they were not asked for."""
+    fiducials: tuple[FiducialWorth, ...] = ()
+    """What each fiducial does to the value that decides; empty where that was not asked for."""
 
     @property
     def worst_target(self) -> TargetScore:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from math import hypot, inf
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, Check, Lever, Score, TargetEstimate, TargetScore, Verification
+from tailstack.results import ERRORS, Check, FiducialWorth, Lever, Score, TargetEstimate, TargetScore, Verification
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.quality import quality_table
@@ -90,6 +91,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("What each lever can reach", levers_blocks(score)),
             Section("In words", _sentences(score, chosen), on=TERMINAL),
             Section("Slips of images", reliability_blocks(score)),
+            Section("Fiducials", worth_blocks(score)),
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
             *closing_sections(
@@ -210,6 +212,35 @@ def reliability_blocks(score: Score) -> tuple[Block, ...]:
     )
     caption = "Slips of single images that do most before they are noticed"
     return (group(Table("Reliability", caption, columns, rows), Paragraph(note)),)
+
+
+def worth_blocks(score: Score) -> tuple[Block, ...]:
+    """Which way each fiducial makes what decides smaller, and what it comes to without it, the worst loss first."""
+    if not score.fiducials:
+        return ()
+    headline, decimals = headline_of(score, None), score.decimals
+    rows = sorted(score.fiducials, key=lambda each: -inf if each.value_without is None else -each.value_without)
+
+    def way(k: int, of: FiducialWorth) -> float | None:
+        return -of.slope[k] / hypot(*of.slope) if of.slope and any(of.slope) else None
+
+    columns = (
+        Column("Fiducial", of=attrgetter("fiducial")),
+        *(Column(f"Better along {axis}", "", "fixed", 2, brief=f"better\nalong {axis}", of=partial(way, k))
+          for k, axis in enumerate("xyz")),
+        Column("Saves", f"{headline.unit}/mm", "significant", brief=f"saves\n{headline.unit}/mm",
+               of=lambda each: each.slope and hypot(*each.slope)),
+        Column("Without it", headline.unit, "fixed", decimals, brief=f"without\nit, {headline.unit}",
+               of=attrgetter("value_without")),
+    )  # fmt: skip
+    why = "; ".join(dict.fromkeys(each.why for each in score.fiducials if each.why))
+    note = (
+        "Better: the direction, in con, in which the value falls most for each mm that the fiducial moves, and by how "
+        f"much at first. {f'Not known (-): {why}.' if why else ''}"
+    )
+    value = f"{length(headline.value, decimals)} {headline.unit}"
+    caption = f"What moving and losing each fiducial does to {headline.headline}, {value}"
+    return (group(Table("Fiducials", caption, columns, tuple(fill(columns, row) for row in rows)), Paragraph(note)),)
 
 
 def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
