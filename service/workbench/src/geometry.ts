@@ -50,6 +50,22 @@ export function pixelDirections(P: Projection, point: readonly number[]): [Vecto
   ];
 }
 
+/** Where a level crosses the edges between places: pieces of its contour, counted from the first place in steps.
+ * values: rows of ``size``; where one of four neighbours is not known, there is no contour between them. */
+export function contour(values: readonly (number | null)[], size: number, level: number): [Pixel, Pixel][] {
+  const pieces: [Pixel, Pixel][] = [];
+  for (let j = 0; j + 1 < values.length / size; j += 1) for (let i = 0; i + 1 < size; i += 1) {
+    const corners: [number, number][] = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], at = corners.map(([x, y]) => values[y * size + x]);
+    if (at.some((value) => value === null)) continue;
+    const crossings = corners.flatMap(([x, y], k): Pixel[] => {
+      const n = (k + 1) % 4, [a, b] = [at[k]!, at[n]!], f = (level - a) / (b - a);
+      return a < level !== b < level ? [[x + f * (corners[n][0] - x), y + f * (corners[n][1] - y)]] : [];
+    });
+    for (let k = 0; k + 1 < crossings.length; k += 2) pieces.push([crossings[k], crossings[k + 1]]);
+  }
+  return pieces;
+}
+
 export const length = (a: readonly number[]) => Math.hypot(...a);
 
 /** 1, 2 or 5 times a power of ten, at most ``about``. */

@@ -13,6 +13,7 @@ import { Form } from "./parts/Form";
 import { Levers } from "./parts/Levers";
 import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
+import { PlaceSwitches } from "./parts/Places";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
@@ -118,7 +119,7 @@ function Workbench() {
       <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
           <Minute />
-          <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}</p>
+          <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}<span class="between" /><PlaceSwitches /></p>
           <div class={shown.value === "All" ? "panes all" : "panes"}>
             {pane("X-ray images", Images, "What the X-rays see")}
             {pane("In space", Space)}

@@ -41,6 +41,7 @@ export const gesture = signal<Edit[]>([]);
 const shelf = shareList<Variant>("tailstack.workbench.variants", "name", ["text"], ({ at }) => at ?? 0);
 export const variants = shelf.list;
 export const selected = signal<string | null>(null); // label of a fiducial
+export const pointed = signal<string | null>(null); // of the one that the pointer is at, wherever that is
 export const opened = signal(0); // designs opened so far: what was found of one says nothing of the next
 export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text
 export const savedSteps = signal(true);

@@ -118,7 +118,7 @@ scenarios.sizes = async () => {
   await enlarge.click();
   await faded(page);
   found.after = await measure();
-  found.pressed = await page.getByRole("button", { name: "Whole image" }).evaluate((node) => { const { color, backgroundColor } = getComputedStyle(node); return [color, backgroundColor]; }); // the pointer is over it
+  found.pressed = await enlarge.evaluate((node) => { const { color, backgroundColor } = getComputedStyle(node); return [color, backgroundColor]; }); // the pointer is over it
   if (asked.shot) await page.screenshot({ path: asked.shot });
   const phone = await open(await newContext({ hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } }), asked.url, false);
   await phone.locator(".gallery button").last().tap();

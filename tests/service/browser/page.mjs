@@ -78,7 +78,7 @@ export async function part(page, title) {
 }
 
 export const bead = (page, label, picture = "Front (x, z)") =>
-  page.locator("figure.picture", { hasText: picture }).locator(`g.bead[data-bead="${label}"] circle.mark`);
+  page.locator("figure.picture", { has: page.locator("figcaption", { hasText: picture }) }).locator(`g.bead[data-bead="${label}"] circle.mark`);
 
 export async function centre(locator) {
   await locator.scrollIntoViewIfNeeded();

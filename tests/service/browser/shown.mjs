@@ -4,7 +4,7 @@ import { asked, begun, bead, centre, current, downloaded, drawn, faded, newConte
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
 const opacity = (locator) => locator.evaluate((node) => { let all = 1; for (let at = node; at; at = at.parentElement) all *= Number(getComputedStyle(at).opacity); return all; });
-const picture = (page, name) => page.locator("figure.picture", { hasText: name });
+const picture = (page, name) => page.locator("figure.picture", { has: page.locator("figcaption", { hasText: name }) });
 const press = async (page, [x, y]) => { await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.up(); };
 const awaitRun = (page, kind) => page.locator(`.run[data-kind=${kind}][data-state=succeeded]`).first().waitFor();
 

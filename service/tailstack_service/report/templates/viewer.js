@@ -21,6 +21,8 @@
     return v.map((x, k) => x * c + side[k] * s + axis[k] * along);
   }
 
+  const labelOf = (words) => /^fiducial (.*): x /.exec(words)?.[1] ?? null; // of a fiducial, from what is said of it
+
   function roundStep(about) {
     const power = 10 ** Math.floor(Math.log10(about));
     return power * Math.max(...[1, 2, 5].filter((f) => f * power <= about * (1 + 1e-9)));
@@ -40,6 +42,7 @@
       this.pointers = new Map();
       this.places = new Map(); // of labels, so that they stay where they are while the view turns
       this.hits = [];
+      this.pointed = this.told = null; // labels of the fiducials that are ringed, and below the pointer
       this.build(figure, number);
       this.context = this.canvas.getContext("2d");
       this.first = scene.cameras[0];
@@ -58,6 +61,12 @@
       this.scene = scene;
       this.places.clear();
       this.describe();
+      this.draw();
+    }
+
+    // The fiducial of this label is ringed; null: none is.
+    point(label) {
+      this.pointed = label;
       this.draw();
     }
 
@@ -329,6 +338,7 @@
       for (const { item } of items) {
         const page = item.kind === "ellipsoid" ? [this.page(item.points[0])] : item.points.map((p) => this.page(p));
         this.item(context, item, page, eye);
+        if (this.pointed !== null && labelOf(item.title) === this.pointed) this.mark(context, "ring", ...page[0]);
         const along = item.kind === "arrow" && item.layer !== "directions" ? page[page.length - 1] : page[0];
         const middle = [0, 1].map((k) => page.reduce((sum, p) => sum + p[k], 0) / page.length);
         const at = item.kind === "line" ? middle : along;
@@ -432,7 +442,8 @@
         shine.addColorStop(0.55, "#0072b2");
         shine.addColorStop(1, "#004f7c");
         disc(4.6, shine);
-      } else if (look === "new") disc(4, PAPER, "#0072b2", 1.8);
+      } else if (look === "ring") disc(9, "transparent", INK, 2);
+      else if (look === "new") disc(4, PAPER, "#0072b2", 1.8);
       else if (look === "old") disc(3.4, PAPER, "#8a8a8a", 1.3);
       else if (look === "image") disc(1.3, "#0072b2");
       else if (look === "source") disc(4, "#4b5660");
@@ -544,6 +555,9 @@
       const found = near[0]; // a target, its ellipsoid and its bias stand in one place
       this.tip.textContent = near.slice(0, 4).map((hit) => hit.words).join("\n");
       this.tip.style.display = found ? "block" : "none";
+      const label = found ? labelOf(found.words) : null;
+      if (label !== this.told) this.canvas.dispatchEvent(new CustomEvent("point", { detail: label, bubbles: true }));
+      this.told = label;
       if (!found) return;
       const wide = this.tip.offsetWidth, tall = this.tip.offsetHeight;
       this.tip.style.left = `${clamp(found.at[0] + 12, 0, Math.max(this.width - wide, 0))}px`;

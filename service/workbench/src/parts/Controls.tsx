@@ -1,7 +1,7 @@
 // What is changed by typing: beads, angles and distances of the views, pivots, targets, limits.
 
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { design, edit, type Json, type Path, selected, valueAt } from "../state";
+import { design, edit, type Json, type Path, pointed, selected, valueAt } from "../state";
 import { readNumber } from "../words";
 import { type Bead, beads } from "./Pictures";
 
@@ -73,7 +73,8 @@ export function Beads() {
           <thead><tr><th>Bead</th><th class="number">x, mm</th><th class="number">y, mm</th><th class="number">z, mm</th><th><span class="hidden">Remove</span></th></tr></thead>
           <tbody>
             {known.map((bead) => (
-              <tr key={bead.index} class={bead.label === selected.value ? "chosen" : ""} onClick={() => (selected.value = bead.label)}>
+              <tr key={bead.index} class={`${bead.label === selected.value ? "chosen" : ""}${bead.label === pointed.value ? " over" : ""}`} onClick={() => (selected.value = bead.label)}
+                onPointerEnter={() => (pointed.value = bead.label)} onPointerLeave={() => (pointed.value = null)} onFocusIn={() => (pointed.value = bead.label)} onFocusOut={() => (pointed.value = null)}>
                 <th>{bead.label}</th>
                 {["x", "y", "z"].map((axis, k) => (
                   <td key={axis}><NumberField path={["fiducials", "points", bead.index, "position_mm", k]} label={`${bead.label} ${axis}`} unit="mm" what={`Move ${bead.label}`} hidden /></td>

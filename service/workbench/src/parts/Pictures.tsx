@@ -1,12 +1,13 @@
 // The X-ray images and the three elevations: beads, targets, borders; beads are dragged, or moved with the keyboard.
 
-import { computed, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { answer, current, drawn, late, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
-import { cancelGesture, design, edit, finishGesture, gesture, type Json, parse, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, pointed, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
 import { brief } from "../words";
 import { hinted } from "./Minute";
+import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
 import { Remarks } from "./Problems";
 
 export interface Bead {
@@ -59,15 +60,18 @@ const editOf = (bead: Bead, position: Vector) => [{ path: ["fiducials", "points"
 
 // --- a picture, whatever maps points to it ------------------------------------------------------------------------
 
-interface Plane {
+export type Box = [number, number, number, number]; // left, top, width, height in units of the picture
+
+export interface Plane {
   name: string;
   unit: string;
-  box: [number, number, number, number]; // left, top, width, height in units of the picture
+  box: Box; // what there is to see
+  whole: Box; // how far it is zoomed out
   to(point: readonly number[]): Pixel | null;
   target(point: readonly number[]): Pixel | null; // the same for what does not sit on the structure
   from(point: readonly number[], at: Pixel): Vector; // the point moved to a place of the picture
   steps(point: readonly number[]): [Vector, Vector]; // directions in con for one mm right and one mm down
-  frame?: [number, number, number, number];
+  frame?: Box;
   margin?: number;
   sees?: string[]; // labels of the beads that the view's estimate uses; absent: all
   closest?: string[]; // labels of the two beads whose images are nearest to each other
@@ -78,12 +82,29 @@ interface Plane {
 const REACH = 12, MARK = 6, STILL = 3; // of a press on a bead, of its mark, and of a press that moves nothing: in pixels of a picture
 const NUDGE = (event: KeyboardEvent) => (event.shiftKey ? 10 : event.altKey ? 0.1 : 1);
 
+/** What was zoomed to by hand in each picture, by its name; absent: what there is to see. */
+const zooms = signal<Readonly<Record<string, Box | undefined>>>({});
+const zoomTo = (name: string, box?: Box) => (zooms.value = { ...zooms.value, [name]: box });
+effect(() => {
+  opened.value; // another design has other beads
+  zooms.value = {};
+});
+const ZOOM = 1.25, DEEPEST = 200; // of a key, and of all
+
 function Picture({ plane, words }: { plane: Plane; words: string }) {
   const svg = useRef<SVGSVGElement>(null);
-  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel; moved: boolean; again: boolean; box: Plane["box"] } | null>(null);
+  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel; moved: boolean; again: boolean; box: Box } | null>(null);
+  const slid = useRef<{ from: Pixel; box: Box } | null>(null); // where the ground was pressed, in pixels of the screen
+  const pinched = useRef<{ spread: number; middle: Pixel; box: Box } | null>(null); // by two fingers
   const pressed = useRef<Pixel | null>(null); // where the last press was, if nothing was moved by it
-  const [hovered, hover] = useState<string | null>(null);
-  const [left, top, width, height] = held.current?.box ?? plane.box; // it stands still while a bead is dragged
+  const [watched, watch] = useState(false); // whether it has the focus
+  const [hovered, hover] = useState<string | null>(null); // here; in any picture it is pointed at
+  const point = (label: string | null) => {
+    hover(label);
+    pointed.value = label;
+  };
+  const zoomed = zooms.value[plane.name], box = held.current?.box ?? zoomed ?? plane.box; // it stands still while a bead is dragged
+  const [left, top, width, height] = box;
   const [wide, measure] = useState(300), scale = width / wide; // of a pixel of the screen: marks and words are as large in every picture
   useLayoutEffect(() => {
     const observer = new ResizeObserver(() => svg.current?.clientWidth && measure(svg.current.clientWidth));
@@ -91,13 +112,36 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     return () => observer.disconnect();
   }, []);
   const placed = beads.value.map((bead) => ({ bead, at: plane.to(bead.position) }));
-  const inside = ([x, y]: Pixel): Pixel => [Math.min(Math.max(x, left + 6 * scale), left + width - 6 * scale), Math.min(Math.max(y, top + 6 * scale), top + height - 6 * scale)];
+  const inside = ([x, y]: Pixel): Pixel => { // what is beyond the picture stands at its edge, what was zoomed away does not
+    const [l, t, w, h] = zoomed ? plane.whole : box;
+    return [Math.min(Math.max(x, l + 6 * scale), l + w - 6 * scale), Math.min(Math.max(y, t + 6 * scale), t + h - 6 * scale)];
+  };
   const chosen = placed.find(({ bead }) => bead.label === selected.value) ?? placed[0];
+  const patch = usePatch(plane, chosen?.bead, box, watched && selected.value !== null);
 
-  const place = (event: PointerEvent): Pixel => {
+  const place = (at: { clientX: number; clientY: number }): Pixel => {
     const matrix = svg.current!.getScreenCTM()!.inverse();
-    const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
+    const p = new DOMPoint(at.clientX, at.clientY).matrixTransform(matrix);
     return [p.x, p.y];
+  };
+  /** Larger by a factor about a place, where that is shown now, from what was shown. */
+  const zoom = (factor: number, [x, y]: Pixel, [l, t, w, h]: Box = box) => {
+    const [, , most] = plane.whole, wide = Math.min(Math.max(w / factor, most / DEEPEST), most), f = wide / w;
+    zoomTo(plane.name, wide < most ? [x - f * (x - l), y - f * (y - t), wide, f * h] : plane.whole);
+  };
+  const pinch = (event: TouchEvent) => {
+    if (event.touches.length !== 2) return void (pinched.current = null);
+    if (event.cancelable) event.preventDefault();
+    const [a, b] = event.touches, spread = Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY), middle: Pixel = [(a.clientX + b.clientX) / 2, (a.clientY + b.clientY) / 2];
+    if (!pinched.current) {
+      held.current = null;
+      cancelGesture();
+      pinched.current = { spread, middle, box };
+    } else {
+      const { spread: was, middle: from, box: [l, t, w, h] } = pinched.current, { left: x, top: y } = svg.current!.getBoundingClientRect(), per = w / wide;
+      const about: Pixel = [l + (from[0] - x) * per, t + (from[1] - y) * per];
+      zoom(spread / Math.max(was, 1), about, [l - (middle[0] - from[0]) * per, t - (middle[1] - from[1]) * per, w, h]);
+    }
   };
   const near = (a: Pixel, b: Pixel, most: number) => Math.hypot(a[0] - b[0], a[1] - b[1]) <= most * scale;
   /** The beads that a press takes, the nearest mark first; where marks lie over one another, all of them. */
@@ -119,7 +163,12 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
   };
   const grab = (event: PointerEvent) => {
     const now = place(event), { found, again } = taken(now);
-    if (event.button || !found) return;
+    if (event.button || !event.isPrimary) return;
+    if (!found) {
+      if (event.pointerType === "touch") return; // which scrolls the page
+      svg.current!.setPointerCapture(event.pointerId);
+      return void (slid.current = { from: [event.clientX, event.clientY], box });
+    }
     // A finger scrolls the page, unless it is on the bead that was chosen before
     if (event.pointerType === "touch" && found.bead.label !== selected.value) return void (held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again: false, box: plane.box });
     event.preventDefault();
@@ -128,15 +177,19 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     svg.current!.setPointerCapture(event.pointerId);
   };
   const move = (event: PointerEvent) => {
+    if (slid.current) {
+      const { from, box: [l, t, w, h] } = slid.current, x = event.clientX - from[0], y = event.clientY - from[1];
+      return void (Math.hypot(x, y) > STILL && zoomTo(plane.name, [l - x * scale, t - y * scale, w, h]));
+    }
     const now = place(event);
-    if (!held.current) return hover(event.pointerType === "touch" ? null : taken(now).found?.bead.label ?? null);
+    if (!held.current) return point(event.pointerType === "touch" ? null : taken(now).found?.bead.label ?? null);
     const { bead, from, at } = held.current;
     held.current.moved ||= !near(from, now, STILL);
     if (held.current.moved && bead.label === selected.value) preview(editOf(bead, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]])));
   };
   const drop = () => {
     const press = held.current;
-    held.current = null;
+    held.current = slid.current = null;
     if (!press) return;
     if (press.moved) {
       pressed.current = null;
@@ -146,7 +199,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     const next = press.again && k >= 0 ? under[(k + 1) % under.length].bead : press.bead;
     pressed.current = press.from;
     choose(next.label);
-    hover(next.label);
+    point(next.label);
   };
   const press = (event: KeyboardEvent) => {
     const arrows: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -161,38 +214,49 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     } else if (/^[np]$/i.test(event.key) && !event.ctrlKey && !event.metaKey && !event.altKey && placed.length) {
       const k = placed.indexOf(chosen!), next = (k + (event.key.toLowerCase() === "n" ? 1 : placed.length - 1)) % placed.length;
       selected.value = placed[selected.value ? next : 0].bead.label;
+      const at = placed[selected.value ? next : 0].at;
+      if (at && isOutside(at, box)) zoomTo(plane.name);
+    } else if (/^[-−+=0]$/.test(event.key) && !event.ctrlKey && !event.metaKey) {
+      if (event.key === "0") zoomTo(plane.name);
+      else zoom(/[+=]/.test(event.key) ? ZOOM : 1 / ZOOM, chosen?.at ?? [left + width / 2, top + height / 2]);
     } else return;
     event.preventDefault();
   };
 
-  const outside = ([x, y]: Pixel) => {
-    if (!plane.frame) return false;
-    const [l, t, w, h] = plane.frame;
-    return x < l || y < t || x > l + w || y > t + h;
-  };
+  const outside = (at: Pixel) => plane.frame !== undefined && isOutside(at, plane.frame);
   const [first, second] = (plane.closest ?? []).map((label) => placed.find(({ bead }) => bead.label === label)?.at);
   const crowded = placed.length > 24, names = crowded ? [] : placeLabels(placed.map(({ bead, at }) => at && { at: inside(at), words: clip(bead.label) }), [left, top, width, height], scale);
   const bar = roundStep(width / 4);
   const over = placed.find(({ bead, at }) => at && bead.label === hovered);
   const below = over ? reached(inside(over.at!)).map(({ bead }) => bead.label).filter((label) => label !== hovered) : [];
   // What is pointed at, and what is chosen, are drawn above their neighbours
-  const rank = (label: string) => (label === hovered ? 2 : label === selected.value ? 1 : 0);
+  const rank = (label: string) => (label === pointed.value ? 2 : label === selected.value ? 1 : 0);
   const ordered = placed.map((each, k) => ({ ...each, k })).sort((a, b) => rank(a.bead.label) - rank(b.bead.label));
   return (
     <figure class={plane.old ? "picture old" : "picture"}>
-      <figcaption>{plane.name}</figcaption>
+      <figcaption>
+        <span>{plane.name}</span>
+        <button type="button" class={zoomed || plane.whole !== plane.box ? "small" : "small unseen"} disabled={!zoomed && plane.whole === plane.box} onClick={() => zoomTo(plane.name, zoomed ? undefined : plane.whole)}>{zoomed ? "Fit" : "Whole image"}</button>
+      </figcaption>
       <svg
         ref={svg} viewBox={`${left} ${top} ${width} ${height}`} tabindex={0} role="application" class={hovered ? "movable over" : "movable"}
-        aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before.`}
-        onPointerDown={grab} onTouchStart={(event) => { if (held.current?.bead.label === selected.value) event.preventDefault(); }} onPointerMove={move} onPointerUp={drop} onPointerLeave={() => hover(null)} onPointerCancel={() => { held.current = null; cancelGesture(); }} onKeyDown={press}
+        aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm${worthOf(chosen.bead.label)}.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before; + and − zoom, 0 fits.`}
+        onPointerDown={grab} onPointerMove={move} onPointerUp={drop} onFocus={() => watch(true)} onBlur={() => watch(false)} onPointerLeave={() => point(null)} onPointerCancel={() => { held.current = slid.current = null; cancelGesture(); }} onKeyDown={press}
+        onTouchStart={(event) => { pinch(event); if (held.current?.bead.label === selected.value) event.preventDefault(); }} onTouchMove={pinch} onTouchEnd={pinch}
+        onWheel={(event) => {
+          if (document.activeElement !== svg.current && !event.ctrlKey) return; // the page scrolls on
+          event.preventDefault();
+          zoom(Math.exp(-Math.min(Math.max(event.deltaY * (event.deltaMode === 1 ? 16 : 1), -120), 120) / 400), place(event));
+        }}
       >
-        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
+        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${worthOf(over.bead.label)}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
         <rect class="ground" x={left} y={top} width={width} height={height} />
         {plane.frame && <rect class="detector" x={plane.frame[0]} y={plane.frame[1]} width={plane.frame[2]} height={plane.frame[3]} />}
         {plane.frame && plane.margin ? (
           <rect class="margin" x={plane.frame[0] + plane.margin} y={plane.frame[1] + plane.margin}
             width={plane.frame[2] - 2 * plane.margin} height={plane.frame[3] - 2 * plane.margin} />
         ) : null}
+        {patch && <Contours patch={patch} scale={scale} />}
         {first && second && <path class="closest" d={`M${first[0]} ${first[1]}L${second[0]} ${second[1]}`} />}
         {ghosts.value.map((old) => {
           const at = plane.to(old.position);
@@ -212,15 +276,16 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
             </g>
           );
         })}
+        <Arrows plane={plane} scale={scale} />
         {ordered.map(({ bead, at, k }) => {
           if (!at) return null;
-          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false, hidden: Number(crowded) }, isChosen = bead.label === selected.value, over = bead.label === hovered;
-          const named = isChosen || over || hinted.value === bead.label || name.hidden === 0;
+          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false, hidden: Number(crowded) }, isChosen = bead.label === selected.value, over = bead.label === pointed.value;
+          const heat = heatOf(bead.label), named = isChosen || over || hinted.value === bead.label || name.hidden === 0;
           return (
             <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
               <circle class="reach" cx={x} cy={y} r={REACH * scale} />
               {hinted.value === bead.label && <circle class="hint" cx={x} cy={y} r={11 * scale} />}
-              <circle class="mark" cx={x} cy={y} r={4.5 * scale} />
+              <circle class="mark" cx={x} cy={y} r={4.5 * scale} style={heat === null || outside(at) ? undefined : { fill: `color-mix(in oklab, var(--heat) ${Math.round(100 * heat)}%, var(--bead))` }} />
               {named && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>
           );
@@ -236,7 +301,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
 }
 
 /** Where each name stands beside its bead: at the first of four places in the picture where it hides no bead or name. */
-function placeLabels(beads: ({ at: Pixel; words: string } | null)[], [left, top, width, height]: Plane["box"], scale: number) {
+function placeLabels(beads: ({ at: Pixel; words: string } | null)[], [left, top, width, height]: Box, scale: number) {
   const marks = beads.flatMap((bead) => (bead ? [bead.at] : [])), taken: number[][] = [];
   return beads.map((bead) => {
     if (!bead) return null;
@@ -254,7 +319,7 @@ function placeLabels(beads: ({ at: Pixel; words: string } | null)[], [left, top,
   });
 }
 
-const enlarged = signal<ReadonlySet<string>>(new Set()); // views whose picture shows the part with beads and targets
+const enlarged = signal<ReadonlySet<string>>(new Set()); // views whose picture is as wide as there is room
 
 function toggle(view: string): void {
   const next = new Set(enlarged.value);
@@ -262,14 +327,19 @@ function toggle(view: string): void {
   enlarged.value = next;
 }
 
-/** The part of an image with beads, in steps, so that it stands still while a bead is dragged. */
-function part(P: Projection, most: number): [number, number, number, number] {
-  const seen = beads.value.map((b) => project(P, b.position)).filter((p) => p !== null);
-  const ends = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]);
-  const side = Math.min(most, 100 * Math.ceil((1.2 * Math.max(...ends.map(([low, high]) => high - low)) + 40) / 100));
-  const [x, y] = ends.map(([low, high]) => 50 * Math.round((low + high) / 100) - side / 2);
-  return [x, y, side, side];
+/** The part of an image with beads and targets, in steps, so that it stands still while a bead is dragged; all of it,
+ * where that is hardly more. */
+function part(P: Projection, targets_: Projection, whole: Box, frame?: Box): Box {
+  const seen = [...beads.value.map((b) => project(P, b.position)), ...targets.value.map((t) => project(targets_, t.position))]
+    .filter((p): p is Pixel => p !== null && !(frame && isOutside(p, frame)));
+  if (seen.length < 2) return whole;
+  const ends = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]), step = whole[2] / 20;
+  const side = step * Math.ceil((1.15 * Math.max(...ends.map(([low, high]) => high - low))) / step);
+  const [x, y] = ends.map(([low, high]) => (step / 2) * Math.round((low + high) / step) - side / 2);
+  return side < 0.9 * Math.min(whole[2], whole[3]) ? [x, y, side, side] : whole;
 }
+
+const isOutside = ([x, y]: Pixel, [l, t, w, h]: Box) => x < l || y < t || x > l + w || y > t + h;
 
 const clip = (label: string) => (label.length > 18 ? `${label.slice(0, 17)}…` : label);
 
@@ -279,15 +349,16 @@ export function Images() {
   const views = layout.value?.views ?? [], old = outdated(/^(views|interfaces|transforms|targets|temperature|execution|estimation|model)$/);
   const checks = new Map((answer.value?.score.views ?? []).map((view) => [view.view, view]));
   return (
+    <>
     <div class="pictures" role="group" aria-label="X-ray images">
       {views.map((view, k) => {
         const P = view.projection as Projection, check = checks.get(view.view);
         const [width, height] = view.image_size_px ?? extent(P);
-        const close = enlarged.value.has(view.view) && beads.value.length > 1;
+        const large = enlarged.value.has(view.view), frame: Box | undefined = view.image_size_px ? [0, 0, width, height] : undefined;
+        const whole: Box = [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height];
         const plane: Plane = {
-          name: `${view.view}: X-ray image${close ? ", enlarged" : ""}`, unit: "px",
-          box: close ? part(P, width) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
-          old, frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
+          name: `${view.view}: X-ray image`, unit: "px",
+          box: part(P, view.target_projection as Projection, whole, frame), whole, old, frame, margin: view.margin_px,
           to: (point) => project(P, point), sees: design.value?.views?.[k]?.sees, closest: current.value ? check?.closest_pair : undefined,
           target: (point) => project(view.target_projection as Projection, point),
           from: (point, at) => moveInImage(P, point, at),
@@ -295,11 +366,11 @@ export function Images() {
         };
         const margin = check?.smallest_margin_px;
         return (
-          <div key={view.view} class={close ? "large" : undefined}>
+          <div key={view.view} class={large ? "large" : undefined}>
             <Picture plane={plane} words={`Image of view ${view.view}.`} />
             <div class="steady">
               <p class="note">
-                <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
+                <button type="button" class="small" aria-pressed={large} onClick={() => toggle(view.view)}>Enlarge</button>{" "}
                 {check && !refused.value && (
                   <span class={late.value ? "old" : ""}>
                     {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
@@ -314,6 +385,8 @@ export function Images() {
         );
       })}
     </div>
+    <PlaceLegend />
+    </>
   );
 }
 
@@ -339,8 +412,9 @@ export function Elevations() {
         const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.25 + 10) / 20);
         const centre = [10 * Math.round((x0 + x1) / 20), 10 * Math.round((y0 + y1) / 20)];
         const axis = (k: number, sign: number): Vector => [0, 1, 2].map((m) => (m === k ? sign : 0)) as Vector;
+        const box: Box = [centre[0] - side / 2, -centre[1] - side / 2, side, side];
         const plane: Plane = {
-          old, name, unit: "mm", box: [centre[0] - side / 2, -centre[1] - side / 2, side, side], axes: ["xyz"[a], "xyz"[b]] as [string, string],
+          old, name, unit: "mm", box, whole: box, axes: ["xyz"[a], "xyz"[b]] as [string, string],
           to: (p) => [p[a], -p[b]],
           target: (p) => [p[a], -p[b]],
           from: (p, at) => p.map((value, k) => (k === a ? at[0] : k === b ? -at[1] : value)) as Vector,
