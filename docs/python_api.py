@@ -76,7 +76,7 @@ CONVERSION_NAMES = ("convert", "convert_file", "Conversion")
 STEP_NAMES = ("read_step",)
 READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check")
 WITHOUT_FIELDS = ("tailstack.results", "tailstack.design.reading", "tailstack.design.write")
-VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
+VERBS = ("score", "verify", "optimise", "allocate", "sweep", "score_batch")
 
 
 def page() -> str:

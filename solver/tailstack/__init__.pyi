@@ -12,6 +12,7 @@ from .errors import NotConvergedError as NotConvergedError
 from .errors import OutOfRangeError as OutOfRangeError
 from .errors import Problem as Problem
 from .errors import TailstackError as TailstackError
+from .optimisation import allocate as allocate
 from .optimisation import optimise as optimise
 from .scoring import score as score
 from .sweeping import sweep as sweep

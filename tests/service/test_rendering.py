@@ -329,7 +329,7 @@ def test_positions_that_changed_closed_forms_and_many_optima_are_shown_as_such()
 
 def tolerances_in_detail(result: Any) -> str:
     with write_on(Page(120, details=True)):
-        return write_table(changes_table(result))
+        return write_table(changes_table(result.tolerances))
 
 
 def test_tolerances_with_the_names_of_the_document_and_millimetres_at_the_target() -> None:
@@ -364,7 +364,7 @@ def test_what_was_not_asked_for_is_not_there() -> None:
 @given(st.text(max_size=60), st.text(max_size=60), st.floats(1e-9, 1e9))
 def test_an_optimised_design_fits_the_page_whatever_it_is_called(label: str, grade: str, value: float) -> None:
     entry = tolerance("rx", value, label=label, grade=grade, before_half_width=value, at_target_mm=value)
-    text = write_table(changes_table(full_result(tolerances=(entry,))))
+    text = write_table(changes_table((entry,)))
     assert len(text.splitlines()) >= 4
     assert max(map(columns, text.splitlines())) <= WIDTH
     printed = Counter("".join(text.split()))

@@ -17,6 +17,7 @@ VERB_OF = {
     "layout": "layout",
     "verification": "verify",
     "optimisation": "optimise",
+    "allocation": "allocate",
     "sweep": "sweep",
     "study-linearity": "study linearity",
     "study-coupling": "study coupling",

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
-from ..errors import DesignError, LimitError, Problem
+from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
@@ -112,6 +112,15 @@ class Design:
             changed = replace_value(data, each, value)
             data = changed if each[0] == FIELD else follow_changes(data, changed, write_pointer(each))
         return load_design(data, base_directory=self.source.directory)
+
+
+@contextmanager
+def locate_refusals(design: Design) -> Iterator[None]:
+    """Refusals with their place in the user's document."""
+    try:
+        yield
+    except TailstackError as error:
+        raise type(error)([place(problem, design.source) for problem in error.problems]) from None
 
 
 def load_design(

@@ -60,7 +60,7 @@ _WEIGHTS = np.array([1.0, 1.0, 1.0, sqrt(2), sqrt(2), sqrt(2)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Allocation:
+class BoundedAllocation:
     """Half-widths, what they cost, and what no allocation under the same bound can undercut."""
 
     half_width: Array  # (k,) native units
@@ -140,7 +140,7 @@ def allocate(
     lower: Array | float,
     upper: Array | float,
     p: float = 0.95,
-) -> Allocation:
+) -> BoundedAllocation:
     """Cheapest half-widths between lower and upper with the bound of the p-quantile within the limit at every target.
 
     noise (t, 3, 3) or (3, 3) mm^2; gains (t, k, 3) or (k, 3), mm per native unit of each tolerance; std_per_half_width
@@ -153,14 +153,14 @@ def allocate(
     low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), len(prices)) for b in (lower, upper))
     case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p)
 
-    def answer(chosen: Array, multipliers: Array, dual: float | None) -> Allocation:
+    def answer(chosen: Array, multipliers: Array, dual: float | None) -> BoundedAllocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
         half_width[free] = chosen
         cost = float(curves.cost(half_width).sum())
         fixed = cost - float(case.curves.cost(chosen).sum())
         least = cost if dual is None else min(fixed + dual, cost)
         gap = (cost - least) / cost if cost > 0 else 0.0
-        return Allocation(half_width, cost, least, gap, -2 * multipliers / limits)
+        return BoundedAllocation(half_width, cost, least, gap, -2 * multipliers / limits)
 
     tightest = case.ratios(case.lower)
     if tightest.max() >= 1:
@@ -178,7 +178,7 @@ def allocate(
     return result
 
 
-def gaussian_bracket(allocate: Callable[[Array], Allocation], limits_mm: Array, p: float) -> tuple[float, float]:
+def gaussian_bracket(allocate: Callable[[Array], BoundedAllocation], limits_mm: Array, p: float) -> tuple[float, float]:
     """(least, attained) cost around the optimum under the exact law, for normal tolerances without bias.
 
     ``allocate``: the allocation within limits (t,).  The bound divided by :func:`frobenius_excess` is nowhere above the

@@ -29,6 +29,7 @@ from typing import Protocol
 import numpy as np
 
 from ..design import Design, load_design
+from ..design.loading import locate_refusals
 from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
@@ -40,7 +41,7 @@ from .present import merit_as_written, merit_of, present_design, price_as_writte
 from .reporting import add_aims, report
 from .request import read_request
 from .search import Control, Progress, Search, Stop, hold_unmoved, search
-from .task import OptimisationTask, locate_refusals, read_task
+from .task import OptimisationTask, read_task
 from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
 from .views import aim_views, leave_views
 

@@ -26,6 +26,7 @@ from ..results.digits import at_least, at_most
 from ..system import Requirement, System, Way
 from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile, is_noise
+from .half_widths import share_out
 from .margin import aim_of, trials_for
 from .prices import part_that_holds
 from .problem import (
@@ -87,12 +88,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
 
 def _shares(worst: Evaluation, error: str) -> str:
     """What makes up the mean square, largest first."""
-    shares: dict[str, float] = {}
-    for block in worst.model.blocks:
-        scaled = block.columns_mm(error)
-        shares[block.contributor] = shares.get(block.contributor, 0.0) + float((scaled**2).sum())
-    if float(worst.mean_mm @ worst.mean_mm) > 0:
-        shares["bias and bounded components"] = float(worst.mean_mm @ worst.mean_mm)
+    shares = share_out(worst.model, worst.mean_mm, error)
     whole = sum(shares.values())
     leading = sorted(shares.items(), key=lambda item: -item[1])[:LEADING]
     return ", ".join(f"{name} {100 * value / whole:.0f} %" for name, value in leading if value > 0.01 * whole)

@@ -29,9 +29,9 @@ from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
+from .half_widths import list_changes
 from .present import present_design, price_as_written, say_outside
-from .prices import cost_of
-from .problem import Choice, PlacementProblem, for_people, in_words, label_of, name_held, present_choice
+from .problem import Choice, PlacementProblem, label_of, name_held, present_choice
 from .request import OptimiseRequest, read_request
 from .task import OptimisationTask
 from .terms import DemandTerms, pivot_shift_of, terms_of
@@ -259,28 +259,9 @@ def _tolerances(verified: VerifiedOptimum, before: Choice, now: Choice) -> tuple
     problem = optimum.problem
     sized = [each for each in zip(optimum.ratios, verified.search.terms, strict=True) if each[1].demand.is_point]
     worst = max(sized, key=lambda each: each[0])[1] if sized else terms_of(problem, problem.in_mm[0])
-    lever_before, lever = (_lever(worst, problem, choice) for choice in (before, optimum.choice))
+    levers = [_lever(worst, problem, choice) for choice in (before, optimum.choice)]
     grades = [None] * len(problem.half_widths) if optimum.purchase is None else optimum.purchase.names
-    changes = []
-    for k, (free, grade) in enumerate(zip(problem.half_widths, grades, strict=True)):
-        (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))
-        cost_before = cost_of(free.price, float(before.half_width[k]))
-        changes.append(
-            ChangedTolerance(
-                contributor=free.contributor,
-                component=free.component,
-                label=in_words(problem, k),
-                unit=unit,
-                before_half_width=old,
-                after_half_width=new,
-                at_target_before_mm=float(lever_before[k] * before.half_width[k]),
-                at_target_mm=float(lever[k] * now.half_width[k]),
-                cost_before=cost_before if np.isfinite(cost_before) else None,
-                cost_after=cost_of(free.price, float(now.half_width[k])),
-                grade=grade,
-            )
-        )
-    return tuple(changes)
+    return list_changes(problem, levers, (before.half_width, now.half_width), grades)
 
 
 def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Array:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..design import Design
-from ..design.refusals import place
-from ..errors import TailstackError
+from ..design.loading import locate_refusals
 from ..results import Finding
 from .contradictions import refuse_contradictions
 from .explain import influence_of, refuse_incurable
@@ -61,12 +58,3 @@ def frees_views(design: Design) -> bool:
     """Whether views may be aimed otherwise."""
     section = design.document.optimise
     return section is not None and bool(section.views)
-
-
-@contextmanager
-def locate_refusals(design: Design) -> Iterator[None]:
-    """Refusals with their place in the user's document."""
-    try:
-        yield
-    except TailstackError as error:
-        raise type(error)([place(problem, design.source) for problem in error.problems]) from None

@@ -421,7 +421,7 @@ class Optimisation(Result):
             self.verdict_status,
             f"{self._cost_sentence()} {verdict_sentence(verdict, self.provenance)}",
             (
-                frame(ChangedTolerance, "tolerances", self.tolerances, changes_table(self)),
+                frame(ChangedTolerance, "tolerances", self.tolerances, changes_table(self.tolerances)),
                 checks_frame(verdict),
                 frame(MovedFiducial, "fiducials", self.moved, moved_table(self)),
                 frame(ShadowPrice, "limits", self.shadow_prices, limits_table(self)),
@@ -444,9 +444,9 @@ class Optimisation(Result):
 # --- tables ---------------------------------------------------------------------------------------------------
 
 
-def changes_table(optimisation: Optimisation) -> Table:
+def changes_table(tolerances: Sequence[ChangedTolerance]) -> Table:
     """Half-widths that were free, what they move the target by, and what they cost."""
-    graded = any(entry.grade is not None for entry in optimisation.tolerances)
+    graded = any(entry.grade is not None for entry in tolerances)
     columns = (
         Column("Tolerance", of=attrgetter("label")),
         *((Column("Grade", of=attrgetter("grade")),) if graded else ()),
@@ -461,7 +461,7 @@ def changes_table(optimisation: Optimisation) -> Table:
         Column("Cost before", "", "significant", 4, brief="cost\nbefore", of=attrgetter("cost_before")),
         Column("Cost after", "", "significant", 4, brief="cost\nafter", of=attrgetter("cost_after")),
     )  # fmt: skip
-    return tabulate("Tolerances", "Tolerances that were free, as half-widths", columns, optimisation.tolerances)
+    return tabulate("Tolerances", "Tolerances that were free, as half-widths", columns, tolerances)
 
 
 Move = MovedFiducial | MovedPivot  # a place before and after

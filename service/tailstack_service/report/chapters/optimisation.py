@@ -199,7 +199,7 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
             else (group(alone_table(optimisation.moves), on=PAPER),)
         ),
         pivots_table(optimisation),
-        changes_table(optimisation),
+        changes_table(optimisation.tolerances),
         *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
         *(() if optimisation.aimed is None else (group(aims_table(optimisation.aimed), on=PAPER),)),
         group(limits_table(optimisation), *((Bullets(tuple(on_paper)),) if on_paper else ()), on=PAPER),

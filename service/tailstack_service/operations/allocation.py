@@ -1,0 +1,60 @@
+"""The cheapest half-widths that keep a limit at the layout as it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from ..console.answer import FAIL, PASS
+from ..console.flags import Flag
+from .operation import Call, LateImport, Operation
+from .options import Options
+
+if TYPE_CHECKING:
+    from tailstack.optimisation.half_widths import Allocation
+
+LOCK = Flag(
+    "a half-width that stays: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR; may be repeated",
+    name="lock", metavar="NAME", repeats=True, in_query="lock",
+)  # fmt: skip
+
+
+class AllocationOptions(Options):
+    """Which limit, and what stays."""
+
+    limit: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="Limit to keep, in the unit of the requirement's measure (mm); absent: the design's own."
+    )
+    requirement: str | None = Field(
+        None, description="Requirement whose limit that is; it can be left out where the section has one."
+    )
+    locked: Annotated[Annotated[list[str], Field(max_length=100)], LOCK] = Field(
+        [], description="Half-widths that stay as they are: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR."
+    )
+
+
+def _allocate(call: Call) -> Allocation:
+    from tailstack import allocate
+
+    return allocate(call.design, **call.options.model_dump())
+
+
+OPERATION = Operation(
+    name="allocation",
+    verb="allocate",
+    path="/v1/allocations",
+    summary="Cheapest half-widths that keep a limit, the layout as it is",
+    description="The half-widths that the design's section optimise frees, at least cost within the limits, to first "
+    "order, with layout, pivots and views as they are. Says what moved most and which limits hold the cost up; where "
+    "no half-widths keep a limit, how low it can be and which contributor holds it. Takes milliseconds; some hundred "
+    "where a limit is on each unit or on a mean of the tail. Tables of grades are refused.",
+    title="answer of allocate: the cheapest half-widths at the layout as it is",
+    options=AllocationOptions,
+    example={"limit": 0.9, "locked": ["structure_connector.rx"]},
+    record=LateImport("tailstack.optimisation.half_widths", "Allocation").load,
+    run=_allocate,
+    immediate=True,
+    document=LateImport("..report.chapters.allocation", "allocation_document"),
+    exit_code=lambda record: PASS if record.status == "kept" else FAIL,
+)

@@ -1,0 +1,163 @@
+"""Half-widths at the layout as it is: against the optimiser's own search, conditions of optimality, and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimise_scenes import solve_placement
+from tailstack import Design, DesignError, allocate, load_design, score
+from tailstack.optimisation import PlacementProblem
+from tailstack.optimisation.request import read_request
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def example(name: str, **changes: object) -> Design:
+    design = load_design(EXAMPLES / f"{name}.yaml")
+    for path, value in changes.items():
+        design = design.with_value(path.replace("__", "."), value)
+    return design
+
+
+def bounded() -> Design:
+    """What a seat may turn by is known to stay within bounds, and of no law."""
+    seats = "interfaces.structure_connector.tolerances"
+    return example("first_carrier", **{f"{seats}.r{axis}.distribution": "bounded" for axis in "xyz"})
+
+
+def priced() -> Design:
+    """Half-widths of two curves, some of them at a bound."""
+    seat = {"interface": "connector_flange", "min_deg": 0.02, "max_deg": 0.2}
+    own = [
+        seat | {"component": "rx", "cost": {"curve": "exponential", "weight": 900, "scale_deg": 0.1}},
+        seat | {"component": "ry", "cost": {"curve": "reciprocal_square", "weight": 0.4}},
+        seat | {"component": "rz", "min_deg": 0.19, "cost_weight": 0.01},
+    ]
+    return example("first_carrier", **{"optimise.tolerances": own})
+
+
+def searched(design: Design, name: str, limit: float, locked: tuple[str, ...] = ()) -> tuple[float, float]:
+    """Cost of the optimiser's optimum by the exact law with nothing but these half-widths free, and the largest part of
+    a limit that it came to."""
+    problem = read_request(design).problem
+    free = tuple(
+        each
+        for each in problem.half_widths
+        if not {each.contributor, f"{each.contributor}.{each.component}"} & {*locked}
+    )
+    wanted = tuple(replace(each, limit=limit) if each.name == name else each for each in problem.requirements)
+    fixed: PlacementProblem = replace(problem, places=(), pivots=(), half_widths=free, requirements=wanted)
+    found = solve_placement(fixed, starts=1)
+    return found.cost, found.worst_ratio
+
+
+LOCKED = ("connector_flange", "structure_connector.rx")
+CASES = {
+    "one requirement": (example("demo"), "tip-accuracy", 0.8, ()),
+    "locked rows": (example("first_carrier"), "tip-accuracy", 1.2, LOCKED),
+    "bounded": (bounded(), "tip-accuracy", 1.1, ()),
+    "curves and bounds": (priced(), "tip-accuracy", 0.9, ()),
+    "two requirements": (example("locators_321"), "workspace-accuracy", 0.36, ()),
+    "per unit": (example("locators_321"), "unit-yield", 0.4, ()),
+    "several statistics": (example("mean_and_tail"), "tail", 0.6, ()),
+}
+
+
+@pytest.mark.long("per unit")
+@pytest.mark.parametrize("name", CASES)
+def test_it_costs_what_the_optimiser_finds_at_that_layout(name: str) -> None:
+    """independent: IPOPT on the closed form corrected to the exact law, by which the optimiser goes."""
+    design, requirement, limit, locked = CASES[name]
+    expected, reached = searched(design, requirement, limit, locked)
+    # A quantile over units is sampled: the optimiser stops as far below its limit as that is known
+    found = allocate(design, limit=limit * reached, requirement=requirement, locked=locked)
+    assert found.status == "kept"
+    assert found.cost_after == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["one requirement", "several statistics"])
+def test_no_change_of_the_half_widths_is_cheaper(name: str) -> None:
+    """independent: first-order conditions by finite differences of ``score``: every half-width between its bounds gives
+    the same cost for the same part of the limit."""
+    design, requirement, limit, _ = CASES[name]
+    (place,) = [k for k, each in enumerate(design.document.requirements) if each.name == requirement]
+    found = allocate(design, limit=limit, requirement=requirement)
+    worth = []
+
+    def value(**changed: float) -> float:
+        at = design.with_value(f"/requirements/{place}/limit_mm", limit)
+        for each in found.tolerances:
+            half_width = changed.get(each.label, each.after_half_width)
+            path = f"/interfaces/{each.contributor}/tolerances/{each.component}/half_width_{each.unit}"
+            at = at.with_value(path, half_width)
+        checks = score(at, losses=False).verdict.checks
+        return next(check.value for check in checks if check.requirement == requirement)
+
+    assert value() <= limit
+    assert value() == pytest.approx(limit, rel=1e-4)
+    for each in found.tolerances:
+        if not 0.0101 < each.after_half_width < 0.499:
+            continue
+        wider, tighter = (value(**{each.label: each.after_half_width * (1 + step)}) for step in (1e-3, -1e-3))
+        worth.append(each.cost_after / ((wider - tighter) / 2e-3))  # price 1 / h: d cost / d log h is the cost
+    assert len(worth) >= 3
+    assert np.ptp(worth) < 0.01 * max(worth)
+
+
+def test_out_of_reach_says_what_holds_it() -> None:
+    """independent: ``score`` at the least half-widths, and its shares of the variance."""
+    design = example("demo")
+    found = allocate(design, limit=0.5)
+    assert found.status == "out of reach"
+    assert {each.after_half_width for each in found.tolerances} == {0.01}
+    least = design
+    for each in found.tolerances:
+        least = least.with_value(f"/interfaces/{each.contributor}/tolerances/{each.component}/half_width_deg", 0.01)
+    target = score(least, losses=False).targets[0]
+    assert found.least == found.value == pytest.approx(target.p95_mm, rel=1e-9)
+    assert found.binding == ("P95 at target 'tip', limit 0.5 mm (tip-accuracy)",)
+    most = max((each for each in target.contributors if each.component == "all"), key=lambda each: each.variance_share)
+    assert (found.held_by, found.held_label) == (most.name, most.label)
+    near = allocate(design, limit=found.least * 1.0001)  # just above what is least there is an answer
+    assert (near.status, near.value <= near.limit) == ("kept", True)
+    assert near.cost_after < found.cost_after
+
+
+def test_what_is_locked_stays_and_what_moved_most_is_named() -> None:
+    design = example("demo")
+    found = allocate(design, limit=0.9, locked=["structure_connector.rx"])
+    assert "structure_connector.rx" in found.locked
+    assert [each.component for each in found.tolerances if each.contributor == "structure_connector"] == ["ry", "rz"]
+    moved = {each.label: abs(each.at_target_mm - each.at_target_before_mm) for each in found.tolerances}
+    assert found.moved_most == max(moved, key=moved.__getitem__)
+    assert found.cost_before == pytest.approx(sum(each.cost_before for each in found.tolerances))
+    assert found.cost_after > allocate(design, limit=0.9).cost_after - 1 / np.radians(0.05)  # less is free
+
+
+BOX = {"min_mm": [-45, -45, -85], "max_mm": [45, 45, 15]}
+REFUSALS: dict[str, tuple[Design, dict[str, Any], str, str]] = {
+    "grades": (example("tube_carrier"), {}, "not-allocated", "tables of grades"),
+    "no requirement of that name": (example("demo"), {"requirement": "tip"}, "unknown-requirement", "tip-accuracy"),
+    "which of several": (example("mean_and_tail"), {"limit": 1.0}, "unknown-requirement", "mean-accuracy, tail"),
+    "no half-width of that name": (example("demo"), {"locked": ["rx"]}, "unknown-tolerance", "structure_connector.rx"),
+    "all locked": (
+        example("demo"), {"locked": ["structure_connector", "connector_flange"]}, "not-allocated", "lock fewer",
+    ),
+    "a limit that is none": (example("demo"), {"limit": -1.0}, "out-of-range", "-1"),
+    "nothing free": (example("demo", optimise={"box": BOX}), {}, "not-allocated", "free some by bounds"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_refusals(name: str) -> None:
+    design, options, code, words = REFUSALS[name]
+    with pytest.raises(DesignError) as refused:
+        allocate(design, **options)
+    (problem,) = refused.value.problems
+    assert problem.code == code
+    assert words in f"{problem.detail} {problem.hint}"
