@@ -451,9 +451,11 @@ def test_pictures_are_named_above_them(body: bytes) -> None:
     assert len(figures) > 5
     for figure in figures:
         assert figure.index("<figcaption><strong>") < figure.index("<svg")
-    for name in ("waterfall", "levers", "tolerances-1", "distribution-1"):
+    target, requirement = "Target tip", "tip-accuracy"
+    named = {"waterfall": target, "levers": requirement, "tolerances-1": target, "distribution-1": target}
+    for name, of in named.items():
         figure = next(figure for figure in figures if f'id="figure-{name}"' in figure)
-        assert "<strong>Target tip: </strong>" in figure
+        assert f"<strong>{of}: </strong>" in figure
 
 
 @pytest.mark.long
