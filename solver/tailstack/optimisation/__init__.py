@@ -1,4 +1,4 @@
-"""Fiducial placement and tolerance budgets at least cost under a tail-risk limit (CasADi, IPOPT, HiGHS)."""
+"""Fiducial placement and tolerance budgets at least cost under a tail-risk limit (CasADi, IPOPT, cvxpy, HiGHS)."""
 
 from ..extras import load_on_first_use
 

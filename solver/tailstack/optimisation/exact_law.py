@@ -29,7 +29,15 @@ from ..propagation.linear import ErrorModel
 from ..results.verdicts import P95
 from ..system import ArrayLike, Effect, Law, Place, Requirement, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
-from ..tail.declared import LawGradient, LinearLaw, column_gradient, law_gradient, law_quantile, law_quantiles
+from ..tail.declared import (
+    LawGradient,
+    LawQuantile,
+    LinearLaw,
+    column_gradient,
+    law_gradient,
+    law_quantile,
+    law_quantiles,
+)
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, side_by_side, times
@@ -196,7 +204,8 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     requirement = terms.demand.requirement
     law, where = declared_law(evaluation.model, requirement.error, evaluation.mean_mm)
     columns = [where.get((source.contributor, source.index)) for source in terms.common]
-    slopes, by_column = _law_slopes(law, requirement, columns != [None] * len(columns))
+    quantiles = law_quantiles(law, [level for level, _ in requirement.mixture], requirement.quantile)
+    slopes, by_column = law_slopes(law, requirement, quantiles, columns != [None] * len(columns))
     gains = terms.gains.at(pivot_shift_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
@@ -228,16 +237,18 @@ def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, 
     return _exact_gradient(problem, terms, choice, evaluation)[first : first + len(choice.half_width)]
 
 
-def _law_slopes(law: LinearLaw, requirement: Requirement, by_entries: bool) -> tuple[LawGradient, Array | None]:
-    """Derivatives of what is limited, and those (3, k) by each entry of the columns, if they are wanted and known."""
+def law_slopes(
+    law: LinearLaw, requirement: Requirement, quantiles: Sequence[LawQuantile], by_entries: bool
+) -> tuple[LawGradient, Array | None]:
+    """Derivatives of what is limited, and those (3, k) by each entry of the columns, if they are wanted and known;
+    quantiles: of the law, at the levels of the requirement's mixture."""
     near, slopes, by_entry = requirement.quantile, [], []
-    levels, weights = zip(*requirement.mixture, strict=True)
-    for weight, quantile in zip(weights, law_quantiles(law, levels, near), strict=True):
+    for (_, weight), quantile in zip(requirement.mixture, quantiles, strict=True):
         slopes.append([weight * part for part in law_gradient(law, quantile, near=near)])
         entries = column_gradient(law, quantile, near=near) if by_entries else None
         by_entry += [] if entries is None else [weight * entries]
     total = LawGradient(*(reduce(np.add, parts) for parts in zip(*slopes, strict=True)))
-    return total, reduce(np.add, by_entry) if len(by_entry) == len(levels) else None
+    return total, reduce(np.add, by_entry) if len(by_entry) == len(quantiles) else None
 
 
 def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:

@@ -26,9 +26,9 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
-from ..tail.declared import law_gradient, law_quantiles
+from ..tail.declared import law_quantiles
 from .contradictions import refuse_contradictions
-from .exact_law import UNIT_STEP, exact_quantile
+from .exact_law import UNIT_STEP, exact_quantile, law_slopes
 from .prices import cost_of, slope_of
 from .problem import (
     PlacementProblem,
@@ -103,11 +103,11 @@ def allocate(
         refuse_contradictions(problem)
         check_geometry(problem.system)
         held = [_hold(problem, demand) for demand in problem.demands]
-        kept = all(each.ratio_at(problem.lower) <= 1 - AIM for each in held)
-        found = _find(problem, held) if kept else problem.lower
+        least = np.array([each.ratio_at(problem.lower) for each in held])
+        found = _find(problem, held) if least.max() <= 1 - AIM else problem.lower
         each = zip(found.tolist(), problem.half_widths, strict=True)
         found = np.array([round_down(value, free, unit_of(problem, k)) for k, (value, free) in enumerate(each)])
-        return _report(problem, asked, held, found, list(locked))
+        return _report(problem, asked, held, least, found, list(locked))
 
 
 def _read(
@@ -184,18 +184,16 @@ class _Held:
         law, columns = declared_law(model, requirement.error, worst.mean_mm)
         levels, weights = zip(*requirement.mixture, strict=True)
         quantiles = law_quantiles(law, levels, requirement.quantile)
-        for weight, quantile in zip(weights, quantiles, strict=True):
-            by = law_gradient(law, quantile, near=requirement.quantile)
-            for k, (b, j) in enumerate(self.places):
-                block = model.blocks[b]
-                key, moved = (block.contributor, j), block.columns_mm(requirement.error)[:, j]
-                if key in columns:
-                    slopes[k] += weight * by.by_log_column[columns[key]]
-                elif block.laws[j] is Law.BOUNDED:
-                    end = worst.signs[key] * half_width[k]
-                    slopes[k] += weight * end * (by.by_mean @ block.gain(requirement.error)[:, j])
-                else:
-                    slopes[k] += 2 * weight * (moved @ by.by_covariance @ moved)
+        by, _ = law_slopes(law, requirement, quantiles, by_entries=False)
+        for k, (b, j) in enumerate(self.places):
+            block = model.blocks[b]
+            key, moved = (block.contributor, j), block.columns_mm(requirement.error)[:, j]
+            if key in columns:
+                slopes[k] = by.by_log_column[columns[key]]
+            elif block.laws[j] is Law.BOUNDED:
+                slopes[k] = worst.signs[key] * half_width[k] * (by.by_mean @ block.gain(requirement.error)[:, j])
+            else:
+                slopes[k] = 2 * (moved @ by.by_covariance @ moved)
         return np.asarray(slopes / (weights @ np.array([each.quantile_mm for each in quantiles])))
 
 
@@ -241,19 +239,24 @@ def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
 
 
 def _report(
-    problem: PlacementProblem, asked: str | None, held: Sequence[_Held], now: Array, locked: Sequence[str]
+    problem: PlacementProblem,
+    asked: str | None,
+    held: Sequence[_Held],
+    least: Array,
+    now: Array,
+    locked: Sequence[str],
 ) -> Allocation:
-    """now: (K,) half-widths that were found."""
+    """least: ratios of what is held at the least half-widths; now: (K,) half-widths that were found."""
     before, low = present_choice(problem).half_width, problem.lower
-    ratios, least = (np.array([each.ratio_at(width) for each in held]) for width in (now, low))
+    ratios = np.array([each.ratio_at(now) for each in held])
     asked = asked or held[int(ratios.argmax())].demand.requirement.name
     own = [t for t, each in enumerate(held) if each.demand.requirement.name == asked]
     binding = [each.demand for each, ratio in zip(held, ratios, strict=True) if ratio > 1 - BINDS]
     demand, tightest = held[own[0]].demand, held[int(least.argmax())]
     tight, error = tightest.model_at(low), tightest.demand.requirement.error
     shares = share_out(tight, exact_quantile(tight, tightest.demand).worst.mean_mm, error)
-    lever = max((each for each in held if each.demand.is_point), key=lambda each: each.ratio_at(now), default=None)
-    levers = (lever or _hold(problem, problem.in_mm[0])).levers
+    points = [t for t, each in enumerate(held) if each.demand.is_point]
+    levers = (held[max(points, key=ratios.__getitem__)] if points else _hold(problem, problem.in_mm[0])).levers
     moved, cost_before = levers * np.abs(now - before), problem.cost(before)
     return Allocation(
         schema="tailstack/allocation/1",

@@ -61,10 +61,8 @@ GAUSSIAN_METHOD = "exact (Gaussian, contour integral)"
 LATTICE_METHOD = "exact (characteristic function on a lattice)"
 SAMPLED_METHOD = "randomised quasi-Monte-Carlo of the linear model"
 PAIR_METHOD = "exact at the worse end, what the other adds by rays"
-RARE_ERROR, RARE_FLOOR = (
-    0.01,
-    1e-7,
-)  # standard error of a probability, of itself and besides, beyond which more is drawn
+# Standard error of a probability, of itself and besides, beyond which more is drawn
+RARE_ERROR, RARE_FLOOR = 0.01, 1e-7
 
 # Terms smaller than this are left out of a lattice sum: for the answer itself, and for the many laws of a budget.
 _FINE, _COARSE = 5e-10, 4e-7
