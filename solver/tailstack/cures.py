@@ -29,6 +29,7 @@ _BOUND = re.compile(  # one number of a drawing: sign, value, unit, and a word
 _QUANTITY = re.compile(r"\s*([-+]?(?:(?:0|[1-9]\d*)\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,:_][^\d]*?\d?)?\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
 _LARGEST_PERCENT = 100.0
+_LONGEST_SLIP = 60  # characters; what is longer is no number that somebody typed
 
 
 def find_nearest(name: str, known: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
@@ -139,7 +140,9 @@ def _cure_thousands(text: str) -> str:
 
 
 def cure_text(text: str, field: str) -> str:
-    """What to write instead of a text where a number is wanted; empty where the text tells nothing."""
+    """What to write instead of a text where a number is wanted; empty where the text tells nothing or is no slip."""
+    if len(text) > _LONGEST_SLIP:
+        return ""
     if cure := _cure_zone_text(text, field) or _cure_thousands(text):
         return cure
     if match := _COMMA.fullmatch(text):

@@ -266,6 +266,7 @@ def test_a_tolerance_with_its_sign_is_cured_as_it_is_then_read(text: str) -> Non
     ("≤0.05°", "half_width_deg", "write 0.05"), ("≤0.05°", "half_width_mm", "no quotes"),
     ("Ø0.05", "half_width_mm", "half-width 0.025"), ("0.05 mm", "half_width_mm", "no quotes"),
     ("±0.05°", "half_width_deg", "write 0.05"), ("+0.1234567/-0", "half_width_mm", "bias 0.06172835,"),
+    ("0" + 59 * "9", "half_width_mm", 59 * "9"),
 ])  # fmt: skip
 def test_a_value_with_its_tolerance(text: str, field: str, cure: str) -> None:
     assert cure in cure_text(text, field)
@@ -279,6 +280,14 @@ def test_limits_of_a_zone_are_cured_with_their_numbers(made: dict[str, Any]) -> 
     """closed form: +0.1 / -0.02 has its middle at 0.04 and is 0.12 wide."""
     problems = problems_of(load_design, replaced(DEMO, ("fiducials", "manufacturing"), made), error=DesignError)
     assert any("bias 0.04, half-width 0.06" in problem.hint for problem in problems)
+
+
+def test_what_looks_like_no_slip_has_no_cure() -> None:
+    """A box where a zone could stand is named, and a number of a thousand digits is not written again."""
+    box = {"min_mm": [-45, -45, -85], "max_mm": [45, 45, 15]}
+    problems = problems_of(load_design, replaced(DEMO, ("fiducials", "points", 8), box), error=DesignError)
+    assert {problem.pointer for problem in problems} >= {f"/fiducials/points/8/{name}" for name in box}
+    assert cure_text("0" + 1000 * "9", "x_mm") == ""
 
 
 def test_rows_are_read_as_they_are_asked_for() -> None:

@@ -104,7 +104,9 @@ def _cure_zone_of(value: Any) -> str:
         value = [next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER)]
         if "minus" in given and isinstance(value[1], int | float):
             value[1] = -abs(value[1])
-    if not isinstance(value, list) or len(value) != 2 or not is_numeric(value) or value[0] == value[1]:
+    if not isinstance(value, list) or len(value) != 2 or any(isinstance(each, list) for each in value):
+        return ""
+    if not is_numeric(value) or value[0] == value[1]:
         return ""
     return cure_zone(*map(float, value))
 
