@@ -113,9 +113,6 @@ class Settings(BaseSettings):
     jwt_issuer: str = Field(default="", description="required `iss` of JSON Web Tokens")
     jwt_audience: str = Field(default="tailstack", description="required `aud` of JSON Web Tokens")
     allowed_hosts: str = Field(default="", description="further names, comma-separated, that the Host header may carry")
-    allowed_origins: str = Field(
-        default="", description="origins of other sites, comma-separated, whose pages may call the API from a browser"
-    )
 
     # Below which path clients see it
     root_path: str = Field(

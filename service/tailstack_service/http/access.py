@@ -26,7 +26,6 @@ from ..environment import variable
 from ..jobs.store.keys import SCOPES, Key
 from ..problems import SettingsError, TransportError
 from ..settings import Settings
-from .origins import read_origins
 
 log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"
@@ -75,7 +74,6 @@ class Access:
         self._recorded_uses: set[tuple[str, str, int]] = set()
         self._tasks: set[asyncio.Task[None]] = set()  # asyncio keeps none by itself
         self._hosts = frozenset(name.strip().lower() for name in settings.allowed_hosts.split(",") if name.strip())
-        self._origins = frozenset(origin.encode() for origin in read_origins(settings))
         self._tokens = read_token_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
@@ -93,7 +91,7 @@ class Access:
             detail = f"the Host header says {host.decode('latin-1')[:80]!r}, and that is not this machine"
             hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
-        if method in SAFE_METHODS or origin in self._origins:
+        if method in SAFE_METHODS:
             return
         if origin is not None and not _is_own_origin(origin, scheme, host or b""):
             raise _origin_error(f"a page of {origin.decode('latin-1')[:80]!r}")

@@ -32,7 +32,6 @@ from .compute_pool import ComputePool, stopping_error
 from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
 from .openapi import document
-from .origins import Origins, read_origins
 from .prefix import Prefix
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
 from .service import Service, Storage
@@ -107,9 +106,6 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
         clock=clock,
     )
     app.add_middleware(Refusals, service=app.state.service)
-    origins = read_origins(settings)
-    if origins:
-        app.add_middleware(Origins, origins=origins)
     app.add_middleware(RequestLog, service=app.state.service)
     app.add_middleware(Prefix, settings=settings)
     return app

@@ -29,7 +29,6 @@ from ..problems import RequestError
 from ..processes.birth import Nursery, join_nursery, share_nursery
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
-from .origins import read_origins
 from .prefix import read_root_path
 
 if TYPE_CHECKING:
@@ -96,7 +95,6 @@ def serve(
     database that cannot be used, RequestError for settings of authentication that cannot work.
     """
     read_token_settings(settings)
-    read_origins(settings)
     read_root_path(settings)
     open_database(settings.database_url, migrate=True).close()
     family = _Family(settings, worker)
