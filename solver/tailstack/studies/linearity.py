@@ -80,26 +80,6 @@ class LinearityPoint:
     """On which side first order errs, by the whole interval; null where it was refused."""
 
 
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """How the validity statement did on this grid, one line for each thing it may say."""
-
-    promise: str
-    """What the validity statement says."""
-    points: int
-    """Points at which it says so."""
-    kept: int
-    """Points within what it promises, with the whole interval; of not valid: beyond 20 %."""
-    broken: int
-    """Points beyond what it promises, with the whole interval; of not valid: none."""
-    open: int
-    """Points whose interval reaches across the limit."""
-    lowest_ratio: float
-    """Smallest ratio of first order to Monte Carlo."""
-    highest_ratio: float
-    """Largest ratio of first order to Monte Carlo."""
-
-
 @dataclass(frozen=True, slots=True, repr=False)
 class StudyLinearity(Published):
     """Where first order is good, and where it is optimistic."""
@@ -130,8 +110,6 @@ class StudyLinearity(Published):
     """Numbers of fiducials of the grid."""
     points: tuple[LinearityPoint, ...]
     """Every combination: count, spread, noise, rotation; the last runs fastest."""
-    calibration: tuple[Calibration, ...]
-    """How the validity statement did, one entry for each thing that it may say."""
     sentences: tuple[str, ...]
     """What can be said of the grid."""
     varied: str
@@ -145,8 +123,6 @@ ROTATIONS_DEG = (0.0, 1.0, 5.0)
 SPREADS = (1.0, 0.5, 0.2)
 DEFAULT_TRIALS = 2**14
 MOST_POINTS = 5_000
-BEYOND = LEVELS[-1][1]
-NOT_VALID = "not valid"
 WORST = ", and bounded components stand where they are worst to first order"
 
 Progress = Callable[[int, int], None]
@@ -221,7 +197,6 @@ def study_linearity(
         spreads=tuple(spreads),
         counts=tuple(counts),
         points=tuple(points),
-        calibration=calibrate(points),
         sentences=write_sentences(points),
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "
         f"normal rotations of {system.structure_connector.label}, in place of its own; "
@@ -272,23 +247,6 @@ def is_beyond(point: LinearityPoint, limit: float) -> bool | None:
     if 1 - limit <= low and high <= 1 + limit:
         return False
     return True if high < 1 - limit or low > 1 + limit else None
-
-
-def calibrate(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
-    """What the validity statement promised at these points, and what came of it."""
-    lines = []
-    done = [point for point in points if point.ratio is not None]
-    for promise in ("good to 1 %", "good to 5 %", "good to 20 %", NOT_VALID):
-        chosen = [point for point in done if point.promise == promise]
-        if not chosen:
-            continue
-        limits = [BEYOND if point.promised_percent is None else point.promised_percent / 100 for point in chosen]
-        beyond = [is_beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
-        warned = promise == NOT_VALID
-        ratios = [point.ratio for point in chosen if point.ratio is not None]
-        held, broken = beyond.count(warned), 0 if warned else beyond.count(True)
-        lines.append(Calibration(promise, len(chosen), held, broken, beyond.count(None), min(ratios), max(ratios)))
-    return tuple(lines)
 
 
 def _count_points(count: int) -> str:

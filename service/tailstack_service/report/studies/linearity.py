@@ -1,4 +1,4 @@
-"""The reach of first order: maps of where the estimate holds, and how the validity statement did."""
+"""The reach of first order: maps of where the estimate holds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tailstack.results import ERRORS
 from tailstack.results.digits import percent
 from tailstack.results.look import FAINT, INK, MUTED
 from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
-from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
+from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within, is_beyond
 
 from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ...rendering.tables import csv_text, list_reasons, visible
@@ -23,10 +23,11 @@ MOST_REASONS = 8
 
 
 def linearity_document(study: StudyLinearity, sha256: str) -> Document:
-    """A map for each count of fiducials, every point as a row, and how the validity statement did."""
+    """A map for each count of fiducials, and every point as a row."""
     evaluated = [point for point in study.points if point.status == "ok"]
     within = [point for point in evaluated if point.within == "1 %" and point.sure]
-    broken = sum(line.broken for line in study.calibration if line.promise != "not valid")
+    promised = [(point, point.promised_percent) for point in evaluated if point.promised_percent is not None]
+    broken = [point for point, percents in promised if is_beyond(point, percents / 100)]
     axes = {"noise": study.noises_px, "rotation": study.rotations_deg, "spread": study.spreads, "count": study.counts}
     options = " ".join(f"--{name} {','.join(f'{value:g}' for value in values)}" for name, values in axes.items())
     legend = (
@@ -47,7 +48,7 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         numbers=(
             KeyNumber("Points", f"{len(study.points):,}", f"{len(study.points) - len(evaluated):,} refused"),
             KeyNumber("Within 1 %", f"{len(within):,}", f"of {len(evaluated):,}, by the whole interval"),
-            KeyNumber("Promises broken", f"{broken:,}", "by the whole interval"),
+            KeyNumber("Promises broken", f"{len(broken):,}", "by the whole interval"),
         ),
         figure=(
             "linearity",
@@ -60,7 +61,6 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
                 (Paragraph(study.varied), Paragraph(legend), *(map_table(study, count) for count in study.counts)),
                 on=TERMINAL | On.PAGE,
             ),
-            Section("The validity statement", (calibration_table(study),), on=IN_DETAIL),
             Section("Refused", (Facts("Refused", refused),) if refused else (), on=TERMINAL | On.PAGE),
             Section("Every point", (points_table(study),), on=PAPER),
         ),
@@ -124,21 +124,6 @@ def points_table(study: StudyLinearity) -> Table:
         Column("Within", of=tell),
     )
     return tabulate("Points", "Every point of the grid", columns, study.points, most=LONG_TABLE)
-
-
-def calibration_table(study: StudyLinearity) -> Table:
-    """What the validity statement promised, and what came of it."""
-    columns = (
-        Column("Statement", brief="validity statement\n(counts: by the whole interval)", of=lambda line: line.promise),
-        Column("Points", kind="whole", of=lambda line: line.points),
-        Column("Came true", kind="whole", brief="came\ntrue", of=lambda line: line.kept),
-        Column("Broken", kind="whole", of=lambda line: None if line.promise == "not valid" else line.broken),
-        Column("Left open", kind="whole", brief="left\nopen", of=lambda line: line.open),
-        Column("Smallest ratio", kind="fixed", brief="smallest\nratio", of=lambda line: line.lowest_ratio),
-        Column("Largest ratio", kind="fixed", brief="largest\nratio", of=lambda line: line.highest_ratio),
-    )
-    caption = "What the validity statement promised, and what came of it; ratios are of first order over Monte Carlo"
-    return tabulate("Validity", caption, columns, study.calibration)
 
 
 def linearity_csv(study: StudyLinearity) -> str:
