@@ -7,6 +7,7 @@ Routes are held by ``openapi/released.json``.
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import json
 import sys
@@ -16,7 +17,6 @@ from typing import Any
 
 import tailstack
 from tailstack.results.json_text import write_json
-from tailstack_service.cli.completion import list_actions
 from tailstack_service.cli.main import build_parser, verbs
 from tailstack_service.schemas import RECORDS, json_schema
 
@@ -39,6 +39,16 @@ def _parameters(value: Any) -> list[str]:
         for name, one in inspect.signature(value).parameters.items()
         if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)
     ]
+
+
+def list_actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Every argument of a parser and of the parsers below it."""
+    for action in parser._actions:  # noqa: SLF001 - argparse has no public name for them
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for below in action.choices.values():
+                yield from list_actions(below)
+        else:
+            yield action
 
 
 def flags() -> dict[str, list[str]]:

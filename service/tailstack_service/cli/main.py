@@ -26,7 +26,7 @@ from ..operations.registry import OPERATIONS, VERB_OF
 
 FIRST = ("demo", "init", "example")
 LAST = (
-    "serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "warm-up", "completion", "version",
+    "serve", "worker", "jobs", "db", "keys", "words", "schema", "openapi", "doctor", "warm-up", "version",
 )  # fmt: skip
 SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
 # Verbs with a module of their own in this package (gate and report take more than a design)
