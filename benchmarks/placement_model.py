@@ -125,7 +125,7 @@ def image_covariance(layout, projections, target, to_error, fiducial_px, target_
     """(3, 3) mm^2 of image noise in the frame of the error."""
     views, count = projections.shape[0], layout.shape[0]
     gains = room_for_gains(layout, np.zeros((views, 2, 2)))
-    dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)))
+    dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)), np.zeros((0, 2, 2, 2)))
     noise_gains(projections, layout, np.ones((views, count)), dlt, target, gains)
     fiducial, aim = gains.fiducial, gains.target
     total = np.zeros((3, 3))
