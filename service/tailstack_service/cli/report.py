@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 
     from ..operations.reading import ReadResult
     from ..report.assembling import ReportContents as Parts
+    from ..report.chapters.supplier import Sheet
     from ..report.records import Comparison, Report
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
-FORMATS = ("html", "pdf", "xlsx", "json")
+FORMATS = ("html", "pdf", "xlsx", "json", "csv")
 OF_A_DESIGN = (*ReportOptions.model_fields, "starts")
 BOUNDS = ("max_trials", "starts")  # with --verify: the most that is computed again
 MOST_BYTES = 200_000_000  # of a file that is verified
@@ -39,11 +40,13 @@ MOST_BYTES = 200_000_000  # of a file that is verified
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin"
     parser.add_argument("sources", metavar="RESULT|DESIGN", nargs="+", help=words)
-    words = "html, pdf, xlsx, json, separated by commas (default html)"
+    words = "html, pdf, xlsx, json, with --supplier csv, separated by commas (default html)"
     parser.add_argument("--format", type=_read_forms, metavar="LIST", help=words)
     words = "directory for the files (default: this one), or the file, whose ending is then the format"
     parser.add_argument("-o", "--output", metavar="DIR|FILE", help=words)
     parser.add_argument("--summary", action="store_true", help="one page to sign, A4, as a PDF")
+    words = "of a design: the sheet for whoever makes it, beads and seats as drawn and nothing that was computed"
+    parser.add_argument("--supplier", action="store_true", help=words)
     add_flags(parser, ReportOptions, "parts")
     add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
@@ -83,10 +86,14 @@ def run(arguments: argparse.Namespace) -> Answer:
         _refuse("unused-option", f"--summary is a page of PDF; got {', '.join(forms)}", "--format pdf, or -o NAME.pdf")
     if set(forms) != {"json"}:  # before the work, and not after it
         require_extras("report", *(["pdf"] if "pdf" in forms else []))
+    if "csv" in forms and not arguments.supplier:
+        _refuse("unused-option", "csv is a form of the sheet for the supplier alone", "--supplier --format csv")
     output = writable_directory((arguments.output or ".") if file is None else str(file.parent), "-o")
     given = [_read(name) for name in arguments.sources]
     record: Any
-    if len(given) == 2:
+    if arguments.supplier:
+        kind, record = "sheet", _draw_up_sheet(arguments, given)
+    elif len(given) == 2:
         kind, record = "comparison", _compare(arguments, given)
     elif not isinstance(given[0], bytes | Path):
         kind, record = given[0].kind, given[0].record
@@ -98,7 +105,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     stem = "report" if stem == "stdin" else stem
     written = []
     for form, content in _render(kind, body, forms, arguments.summary):
-        ending = f"report.{form}" if form == "json" else f"summary.{form}" if arguments.summary else form
+        part = "supplier." if kind == "sheet" else "summary." if arguments.summary else ""
+        ending = f"report.{form}" if form == "json" and not part else f"{part}{form}"
         path = file or output / f"{stem}.{ending}"
         replace_file(path, content)
         written.append(str(path))
@@ -177,17 +185,29 @@ def _compute(arguments: argparse.Namespace, given: bytes | Path) -> Report:
         return compute_report(design, options, progress=progress.report)
 
 
+def _draw_up_sheet(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> Sheet:
+    """The sheet for the supplier of one design.  Raises RequestError."""
+    from ..report.chapters.supplier import draw_up_sheet
+
+    if len(given) > 1:
+        _refuse("too-many", "--supplier is a sheet of one design", "give one design")
+    _no_options(arguments, OF_A_DESIGN, "nothing is computed for the supplier", "leave it out")
+    return draw_up_sheet(_as_design(given[0], arguments.sources[0]))
+
+
 def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes | Path]) -> Comparison:
     """The comparison of two designs, computed here; a result that holds its design stands for that."""
     from ..report.comparing import compute_comparison
 
-    designs = [
-        _design(source) if isinstance(source, bytes | Path) else _held_design(source, name)
-        for source, name in zip(given, arguments.sources, strict=True)
-    ]
+    designs = [_as_design(source, name) for source, name in zip(given, arguments.sources, strict=True)]
     _no_options(arguments, ("profile",), "two designs are compared without it", "report each by itself")
     with Progress("report") as progress:
         return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
+
+
+def _as_design(given: ReadResult | bytes | Path, file: str) -> Design:
+    """A design, or the one that a result holds.  Raises RequestError."""
+    return _design(given) if isinstance(given, bytes | Path) else _held_design(given, file)
 
 
 def _held_design(result: ReadResult, file: str) -> Design:

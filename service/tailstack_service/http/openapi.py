@@ -200,7 +200,8 @@ def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
     record = media_types(JSON, reference("schemas", component(operation.name)))
     if operation.document is None:
         return {200: response_of(f"{operation.summary}.", record)}
-    done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", REPORT_FORMS | record, **REPORT)
+    forms = REPORT_FORMS | record | (_file("text/csv", None) if operation.csv is not None else {})
+    done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", forms, **REPORT)
     return {200: {**done, "headers": only_with("when it is a report", done["headers"])}}
 
 

@@ -71,12 +71,13 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         if reception.job is not None:
             return await submit(request, reception.job, key)
         assert reception.answer is not None
-        form = _answer_form(request, rendering.MEDIA_TYPES if operation.document else {}, "json")
+        forms = rendering.media_types_of(operation)
+        form = _answer_form(request, forms, "json")
         if form == "json":
             return Response(reception.answer, media_type=JSON)
         sha256 = hashlib.sha256(reception.answer).hexdigest()
         report, headers = await render_report(request, operation.name, reception.answer, form, sha256)
-        return Response(report, headers=headers, media_type=rendering.MEDIA_TYPES[form])
+        return Response(report, headers=headers, media_type=forms[form])
 
     return create
 

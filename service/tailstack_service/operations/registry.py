@@ -27,6 +27,7 @@ VERB_OF = {
     "gate": "gate",
     "report": "report",
     "comparison": "report",
+    "sheet": "report",
     "conversion": "convert",
 }
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..documents import from_json
 from ..rendering.blocks import Document
+from .operation import Operation
 from .registry import OPERATIONS
 
 MEDIA_TYPES = {
@@ -16,6 +17,12 @@ MEDIA_TYPES = {
     "json": "application/json",
 }
 FORMATS = ("html", "pdf", "xlsx", "json")
+CSV = "text/csv; charset=utf-8"
+
+
+def media_types_of(operation: Operation) -> dict[str, str]:
+    """What its record is rendered as, by format: pages where it has chapters, and lines of CSV where it has those."""
+    return (MEDIA_TYPES if operation.document else {}) | ({"csv": CSV} if operation.csv else {})
 
 
 def render(name: str, body: bytes, form: str, *, summary: bool = False) -> bytes:
@@ -25,18 +32,28 @@ def render(name: str, body: bytes, form: str, *, summary: bool = False) -> bytes
     page.  Raises PdfUnavailable where the libraries for PDF are missing, ValueError for a name or format that does not
     exist.
     """
-    if form not in MEDIA_TYPES:
-        raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
+    known = MEDIA_TYPES | (media_types_of(OPERATIONS[name]) if name in OPERATIONS else {})
+    if form not in known:
+        raise ValueError(f"no format is called {form!r}; there are {', '.join(known)}")
     return render_all(name, body, (form,), summary=summary)[0][1]
 
 
 def render_all(name: str, body: bytes, forms: Sequence[str], *, summary: bool = False) -> list[tuple[str, bytes]]:
     """A result in several formats, its chapters and pictures made once.  Raises what ``document_of`` raises."""
-    document = document_of(name, body) if set(forms) != {"json"} else None
-    return [(f, body if document is None or f == "json" else _content(document, body, f, summary)) for f in forms]
+    document = document_of(name, body) if not set(forms) <= {"json", "csv"} else None
+    return [(form, _csv(name, body) if form == "csv" else _content(document, body, form, summary)) for form in forms]
 
 
-def _content(document: Document, body: bytes, form: str, summary: bool) -> bytes:
+def _csv(name: str, body: bytes) -> bytes:
+    operation = OPERATIONS[name]
+    assert operation.csv is not None, name
+    lines: str = operation.csv.write(from_json(operation.record(), body))
+    return lines.encode()
+
+
+def _content(document: Document | None, body: bytes, form: str, summary: bool) -> bytes:
+    if document is None or form == "json":
+        return body
     if form == "html":
         from ..report.html import html_report
 

@@ -46,6 +46,7 @@ ENDINGS = (*FORMATS, ".tsv", ".json")  # of files that are read
 _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
 _AXES: tuple[tuple[str, System | None], ...] = (("xyz", None), ("lps", "LPS"), ("ras", "RAS"))
 _OF_SLICER = ("defined", "selected", "visible", "locked", "description")  # more columns of its table
+_OF_SHEET = ("diameter", "tolerance_x", "tolerance_y", "tolerance_z")  # more columns of the sheet for a supplier
 _STATES = ("undefined", "preview", "defined", "missing")  # of a position in .fcsv, by their numbers
 _FCSV: tuple[str, ...]
 _FCSV = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid")
@@ -256,7 +257,8 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     others = {cell.lower(): index for index, cell in enumerate(table.header) if index not in columns}
     numbering = [cell for cell in others if cell in NUMBERINGS]
     names = [cell for cell in others if cell in ("label", "name")]
-    known = {*numbering[:1], *names[:1], *(_OF_SLICER if system else ())}
+    of_sheet = [cell for cell in others if split_heading(cell)[0] in _OF_SHEET]
+    known = {*numbering[:1], *names[:1], *(_OF_SLICER if system else ()), *of_sheet}
     unknown = [cell for cell in others if cell not in known]
     if unknown or len(others) + 3 != len(table.header):
         repeated = [cell for cell in table.header if [*map(str.lower, table.header)].count(cell.lower()) > 1]
@@ -266,7 +268,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     rows: list[tuple[str, list[float]]] = []
     left_out: list[str] = []
     for line, cells in table.rows:
-        label = "" if at_label is None else cells[at_label].strip()
+        label = "" if at_label is None else re.sub(r"^'(?=[=+\-@])", "", cells[at_label].strip())  # see sheet_csv
         table.refuse_summary(label, line, "one more fiducial")
         state = _state_in_slicer_s_table(table, cells, line, others) if system else "defined"
         if state == "defined":
@@ -282,6 +284,8 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     remarks = list(table.describe())
     if names and numbering:
         remarks.append(f"its column {table.header[others[numbering[0]]]!r} was left out")
+    if of_sheet:
+        remarks.append(f"its columns {', '.join(of_sheet)} were left out: a design states them itself")
     stated = _find_system(table, name)
     if system and stated not in (None, system):
         detail = f"columns {', '.join(axes)} are {system}, and a remark says {stated}"

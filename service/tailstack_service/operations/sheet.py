@@ -1,0 +1,38 @@
+"""What is handed to a supplier: beads and seats of a design as drawn, dimensioned, and nothing that was computed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .operation import Call, Csv, LateImport, Operation
+from .options import Options
+
+if TYPE_CHECKING:
+    from ..report.chapters.supplier import Sheet
+
+
+class SheetOptions(Options):
+    """None."""
+
+
+def _draw_up(call: Call) -> Sheet:
+    from ..report.chapters.supplier import draw_up_sheet
+
+    return draw_up_sheet(call.design)
+
+
+OPERATION = Operation(
+    name="sheet",
+    verb="report",
+    path="/v1/sheets",
+    summary="Sheet for the supplier: beads, seats, tolerances as drawn",
+    description="Beads and seats of one design with their tolerances as drawn, the datum, and a dimensioned view where "
+    "a report is asked for; text/csv is a file of fiducials. It holds no requirement, price or target.",
+    title="sheet for the supplier: beads and seats with their tolerances as drawn",
+    options=SheetOptions,
+    record=LateImport("..report.chapters.supplier", "Sheet").load,
+    run=_draw_up,
+    immediate=True,
+    document=LateImport("..report.chapters.supplier", "sheet_document"),
+    csv=Csv("bead", LateImport("..report.chapters.supplier", "sheet_csv")),
+)

@@ -1,0 +1,241 @@
+"""The sheet for whoever makes a reference structure: its beads and seats with their tolerances as drawn, and nothing
+of what was computed: no requirement, no price, no target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tailstack.results import Provenance
+from tailstack.results.record import Published
+from tailstack.results.tables import LONG_TABLE, Column, Row, Table
+
+from ...rendering.blocks import Document, Facts, Figure, KeyNumber, Paragraph, Section
+from ...rendering.tables import csv_text, plain_text
+from ..dimensions import draw_dimensions
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
+    from tailstack.design.document import Interface
+
+Point = tuple[float, float, float]
+DATUM = (
+    "Datum: origin and axes of the connector frame con, right-handed. Lengths in mm, angles in deg. A tolerance is a "
+    "half-width: ± about the nominal value, rotations about axes through the pivot of their seat."
+)
+SECTIONS = ("/fiducials", "/interfaces")  # of the design, that the sheet is made of
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnTolerance:
+    """A half-width as drawn."""
+
+    component: str
+    """x, y, z of a bead; rx, ry, rz, tx, ty, tz of a seat, or the name of its locator."""
+    half_width: float
+    """Half-width, in `unit`."""
+    unit: str
+    """mm or deg."""
+    law: str
+    """Law of the deviation within it: uniform, triangular, normal, ..."""
+    coverage_factor: float | None = None
+    """Of a normal law: how many standard deviations the half-width is."""
+    position_mm: Point | None = None
+    """Contact point of a locator in con, mm; null: of a component."""
+    normal: Point | None = None
+    """Direction of a locator in con; null: of a component."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnSeat:
+    """A seat, and how far the part may be off in it."""
+
+    name: str
+    """structure_connector or connector_flange."""
+    label: str
+    """What the drawing calls it; may be empty."""
+    pivot_mm: Point
+    """Point in con that the displacement is reduced at, mm."""
+    tolerances: tuple[DrawnTolerance, ...]
+    """Components or locators that have one."""
+    together: bool
+    """Whether the design says how components go together."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnBead:
+    """A bead as drawn."""
+
+    label: str
+    """Its label."""
+    position_mm: Point
+    """Nominal position of its centre in con, mm."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Sheet(Published):
+    """What a supplier needs of a design, and no more."""
+
+    schema: Literal["tailstack/sheet/1"]
+    """Name and version of this record's schema."""
+    datum: str
+    """Frame, units and what a tolerance is, in words."""
+    beads: tuple[DrawnBead, ...]
+    """In the order of the design."""
+    diameter_mm: float | None
+    """Diameter of all of them, mm; null: the design does not state it."""
+    bead_tolerances: tuple[DrawnTolerance, ...]
+    """Of every bead along x, y and z; empty: none is declared."""
+    seats: tuple[DrawnSeat, ...]
+    """Seats that the design describes."""
+    provenance: Provenance
+    """Which design; `assumed` has what of the sheet nobody stated."""
+
+
+def draw_up_sheet(design: Design) -> Sheet:
+    """The sheet of a design.  Raises DesignError."""
+    from tailstack.design import compile_design
+    from tailstack.scoring import provenance
+
+    document, made = design.document, design.document.fiducials.manufacturing
+    widths = () if made is None else np.broadcast_to(made.half_width_mm, 3)
+    seats = [(name, getattr(document.interfaces, name)) for name in type(document.interfaces).model_fields]
+    of_design = provenance(compile_design(design))
+    stated = tuple(pointer for pointer in of_design.assumed if pointer.startswith(SECTIONS))
+    return Sheet(
+        schema="tailstack/sheet/1",
+        datum=DATUM,
+        beads=tuple(map(DrawnBead, design.fiducials.labels, design.fiducials.positions_mm)),
+        diameter_mm=document.fiducials.diameter_mm,
+        bead_tolerances=tuple(
+            DrawnTolerance(axis, float(width), "mm", str(made.distribution), made.coverage_factor)
+            for axis, width in zip("xyz", widths, strict=False)
+            if made is not None
+        ),
+        seats=tuple(_seat(name, seat) for name, seat in seats if seat is not None),
+        provenance=replace(of_design, assumed=stated, notes=(), not_included=()),
+    )
+
+
+def _seat(name: str, seat: Interface) -> DrawnSeat:
+    parts = {} if seat.tolerances is None else seat.tolerances.components
+    drawn = [
+        DrawnTolerance(key, part.width, "deg" if key[0] == "r" else "mm", str(part.distribution), part.coverage_factor)
+        for key, part in parts.items()
+        if part is not None
+    ]
+    drawn += [
+        DrawnTolerance(
+            each.name, each.half_width_mm, "mm", str(each.distribution), each.coverage_factor, each.position_mm,
+            each.normal,
+        )
+        for each in seat.locators or ()
+    ]  # fmt: skip
+    joined = seat.tolerances is not None and bool(seat.tolerances.correlation or seat.tolerances.covariance_deg_mm)
+    return DrawnSeat(name, seat.label, seat.pivot_mm, tuple(drawn), joined)
+
+
+# --- as CSV, and as a document ------------------------------------------------------------------------------------
+
+
+def sheet_csv(sheet: Sheet) -> str:
+    """A line for each bead, every digit; a file of fiducials that gives the same beads again."""
+    widths = [each.half_width for each in sheet.bead_tolerances]
+    ball = [] if sheet.diameter_mm is None else [sheet.diameter_mm]
+    header = ["label", "x_mm", "y_mm", "z_mm", *(["diameter_mm"] if ball else [])]
+    header += [f"tolerance_{each.component}_mm" for each in sheet.bead_tolerances]
+    return csv_text(header, ((plain_text(bead.label), *bead.position_mm, *ball, *widths) for bead in sheet.beads))
+
+
+def sheet_document(sheet: Sheet, sha256: str) -> Document:
+    """The sheet: a dimensioned view, then its beads and each of its seats."""
+    made, places = sheet.provenance, np.array([bead.position_mm for bead in sheet.beads])
+    pivots = [seat.pivot_mm for seat in sheet.seats]
+    svg = draw_dimensions(places, pivots, sheet.diameter_mm, f"{made.design_name}: dimensions", "dimensions")
+    caption = (
+        "Dimensions: mm from the datum, to 0.01; the numbers of the beads are those of the table. Triangles are the "
+        "pivots of the seats."
+    )
+    sections = [Section("Beads", (_beads_table(sheet),))]
+    if sheet.seats:
+        sections.append(Section("Seats", tuple(_seat_table(seat) for seat in sheet.seats)))
+    if made.assumed:
+        words = f"Nobody stated these values, which are a start: {', '.join(made.assumed)}."
+        sections.append(Section("To be settled", (Paragraph(words),)))
+    return Document(
+        kind="Sheet for the supplier",
+        title=made.design_name,
+        tone="neutral",
+        status="as drawn",
+        sentence=sheet.datum,
+        numbers=tuple(_numbers(sheet)),
+        matters=(),
+        figures=(Figure("dimensions", svg, caption),),
+        sections=tuple(sections),
+        provenance=Facts(
+            "Provenance",
+            (
+                ("Design", made.design_name),
+                ("SHA-256 of the design", made.design_sha256 or "not known"),
+                ("SHA-256 of this record", sha256),
+                ("Made by", f"tailstack {made.tailstack_version}"),
+            ),
+        ),
+        made=made,
+        opening=(sheet.datum,),
+        captions=True,
+    )
+
+
+def _numbers(sheet: Sheet) -> Iterator[KeyNumber]:
+    yield KeyNumber("Beads", str(len(sheet.beads)))
+    yield KeyNumber("Diameter", "not stated" if sheet.diameter_mm is None else f"{sheet.diameter_mm:g} mm")
+    widths = list(dict.fromkeys(each.half_width for each in sheet.bead_tolerances))
+    value = " / ".join(f"{width:g}" for width in widths)
+    detail = f"along x, y and z, {_law(sheet.bead_tolerances[0])}" if widths else "no tolerance is declared"
+    yield KeyNumber("Position of each", f"± {value} mm" if widths else "–", detail)
+
+
+def _law(tolerance: DrawnTolerance) -> str:
+    factor = tolerance.coverage_factor or (2 if tolerance.law == "normal" else None)
+    return tolerance.law if factor is None else f"{tolerance.law}, {factor:g} standard deviations"
+
+
+def _beads_table(sheet: Sheet) -> Table:
+    widths = [each.half_width for each in sheet.bead_tolerances]
+    columns = (
+        Column("No.", kind="whole"), Column("Bead"), *(Column(axis, "mm", "given") for axis in "xyz"),
+        *([] if sheet.diameter_mm is None else [Column("Diameter", "mm", "given")]),
+        *(Column(f"{each.component} ±", "mm", "given") for each in sheet.bead_tolerances),
+    )  # fmt: skip
+    ball = [] if sheet.diameter_mm is None else [sheet.diameter_mm]
+    rows = (Row((k, bead.label, *bead.position_mm, *ball, *widths)) for k, bead in enumerate(sheet.beads, 1))
+    note = "Each coordinate within its half-width of the nominal value."
+    if not widths:
+        note = "No tolerance of the beads is declared: agree on one."
+    return Table("Beads", "Centres of the beads in the connector frame con", columns, tuple(rows), note, LONG_TABLE)
+
+
+def _seat_table(seat: DrawnSeat) -> Table:
+    located = any(each.position_mm is not None for each in seat.tolerances)
+    columns = (
+        Column("Locator" if located else "Component"), Column("±", "", "given"), Column("Unit", kind="unit"),
+        Column("Law"), *((Column("Contact point", "mm"), Column("Normal")) if located else ()),
+    )  # fmt: skip
+
+    def listed(point: Point | None) -> str:
+        return "" if point is None else ", ".join(f"{value:.12g}" for value in point)
+
+    rows = tuple(
+        Row((each.component, each.half_width, each.unit, _law(each), *([listed(each.position_mm), listed(each.normal)]
+             if located else [])))
+        for each in seat.tolerances
+    )  # fmt: skip
+    words = seat.name.replace("_", " to ")
+    note = "Components go together as the design says: ask for its correlation." if seat.together else ""
+    note = note if rows else "No tolerance is declared: the seat counts as perfect."
+    return Table(seat.name, f"{seat.label or words}; pivot at {listed(seat.pivot_mm)} mm", columns, rows, note)
