@@ -9,7 +9,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tailstack.design.presets import Preset
+    from tailstack.design.presets import PresetEntry
 
 TEMPLATE = Path(__file__).with_name("first_design.yaml.in")
 LENGTH_FIELDS = ("source_isocentre_mm", "pixel_mm")  # of a preset, stated where its source does not state them
@@ -84,13 +84,13 @@ def tenth(value_mm: float) -> float:
     return floor(10 * value_mm + 0.5) / 10
 
 
-def start_lengths(preset: Preset) -> dict[str, float]:
+def start_lengths(preset: PresetEntry) -> dict[str, float]:
     """What a C-arm is taken for where its source does not state it: a detector of 0.3 m, or pixels of 0.3 mm."""
     width = min(preset.image_size_px or (1000,))
     return {"source_isocentre_mm": 700.0, "pixel_mm": max(0.3, round(300 / width, 1))}
 
 
-def aim_views(preset: Preset, half_mm: float, target: Point, pixel_mm: float) -> tuple[Point, float]:
+def aim_views(preset: PresetEntry, half_mm: float, target: Point, pixel_mm: float) -> tuple[Point, float]:
     """The middle of fiducials and target, from that of the fiducials, and how far from the source it has to be at least
     for both to be seen along x and along y, mm."""
     ends = [(min(-half_mm, value), max(half_mm, value)) for value in target]

@@ -20,7 +20,7 @@ from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducial
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import DesignError, LimitError
-from tailstack.integrations.conversion import convert, convert_file
+from tailstack.integrations.conversion import Conversion, convert, read_source_file
 
 
 def read(text, name):
@@ -189,6 +189,12 @@ def test_the_same_beads_in_three_formats():
     assert back.notes == ()
 
 
+def convert_file(source: Path, target: Path) -> Conversion:
+    made = convert(read_source_file(source), source.name, target.name, directory=source.parent)
+    target.write_text(made.text, encoding="utf-8")
+    return made
+
+
 def test_the_fiducials_of_a_design_become_a_file(tmp_path):
     design = load_design(EXAMPLES / "slicer_markups.yaml")
     convert_file(EXAMPLES / "slicer_markups.yaml", tmp_path / "d.json")
@@ -201,7 +207,7 @@ def test_unknown_endings_are_refused(names):
     with pytest.raises(DesignError, match="known"):
         convert(b"x", *names)
     with pytest.raises(DesignError):
-        convert_file(Path("/nowhere/a.csv"), Path("/nowhere/b.csv"))
+        read_source_file(Path("/nowhere/a.csv"))
 
 
 @pytest.mark.parametrize(("name", "content", "cure"), [

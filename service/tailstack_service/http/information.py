@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, FastAPI, Request, Response
 
 from tailstack import __version__
 from tailstack.cures import ask_label
-from tailstack.design import list_presets
+from tailstack.design.presets import PRESETS, PresetEntry
 from tailstack.errors import Problem, TailstackError
 from tailstack.results.json_text import write_json
 
@@ -81,30 +81,6 @@ class Version:
     """Value of the field `schema` of each document that this version reads and writes."""
     max_trials: int
     """Trials that one check may draw here; one that may draw more is refused (the operator's TAILSTACK_MAX_TRIALS)."""
-
-
-@dataclass(frozen=True, slots=True)
-class PresetEntry:
-    """A published C-arm geometry; what its source does not state is null, and a view has to state it."""
-
-    name: str
-    """What the field `preset` of a view takes."""
-    title: str
-    """The device."""
-    source_detector_mm: float
-    """Distance from the X-ray source to the detector, mm."""
-    source_isocentre_mm: float | None
-    """Distance from the X-ray source to the isocentre, mm."""
-    pixel_mm: float | None
-    """Pixel pitch at the detector, mm."""
-    image_size_px: tuple[int, int] | None
-    """Width and height of the image, px."""
-    view_must_state: tuple[str, ...]
-    """Fields that a view with this preset has to state itself."""
-    source: str
-    """Where the numbers are from."""
-    remark: str
-    """What is to be known about them; may be empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +265,7 @@ async def presets() -> Response:
 
 @cache
 def _presets() -> bytes:
-    return to_json(PresetList(tuple(PresetEntry(**preset) for preset in list_presets())))
+    return to_json(PresetList(tuple(PRESETS.values())))
 
 
 @router.get(

@@ -9,22 +9,31 @@ from ..tables import read_table
 
 
 @dataclass(frozen=True, slots=True)
-class Preset:
-    """One geometry as published: lengths in mm, image in px (width, height)."""
+class PresetEntry:
+    """A published C-arm geometry; what its source does not state is null, and a view has to state it."""
 
     name: str
+    """What the field `preset` of a view takes."""
     title: str
+    """The device."""
     source_detector_mm: float
+    """Distance from the X-ray source to the detector, mm."""
     source_isocentre_mm: float | None
+    """Distance from the X-ray source to the isocentre, mm."""
     pixel_mm: float | None
+    """Pixel pitch at the detector, mm."""
     image_size_px: tuple[int, int]
+    """Width and height of the image, px."""
+    view_must_state: tuple[str, ...]
+    """Fields that a view with this preset has to state itself."""
     source: str
+    """Where the numbers are from."""
     remark: str = ""
-    view_must_state: tuple[str, ...] = ()  # fields that the source does not, so a view with this preset has to
+    """What is to be known about them; may be empty."""
 
 
 PRESETS = {
-    name: Preset(
+    name: PresetEntry(
         name,
         **{**given, "image_size_px": tuple(given["image_size_px"])},
         view_must_state=tuple(field for field in ("source_isocentre_mm", "pixel_mm") if given[field] is None),

@@ -102,34 +102,6 @@ def _holds_markups(content: bytes) -> bool:
     return isinstance(data, dict) and "markups" in data and holds_points(data)
 
 
-def _write_text(target: Path, text: str) -> None:
-    target.write_text(text, encoding="utf-8")
-
-
-def convert_file(
-    source: Path,
-    target: Path,
-    *,
-    limits: Limits = DEFAULT_LIMITS,
-    write: Callable[[Path, str], None] = _write_text,
-    selection: StepSelection | None = None,
-    base: Base | None = None,
-) -> Conversion:
-    """Convert ``source`` and write ``target``.  Raises DesignError, LimitError; an unwritable target included.
-
-    write: how the text gets into its file; raises OSError.  selection, base: as those of ``convert``.
-    """
-    content = read_source_file(source, limits)
-    conversion = convert(
-        content, source.name, target.name, directory=source.parent, limits=limits, selection=selection, base=base
-    )
-    try:
-        write(target, conversion.text)
-    except OSError as error:
-        raise DesignError(Problem("", "file-unwritable", f"cannot write {target}: {error.strerror}")) from None
-    return conversion
-
-
 def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
     """The bytes of a file to convert, within the limit of its kind.  Raises DesignError, LimitError."""
     limit = MOST_BYTES if source.name.lower().endswith(STEP_FILES) else limits.document_bytes
