@@ -10,7 +10,8 @@ import yaml
 
 from plain_data import DEMO, EXAMPLES
 from tailstack import load_design, optimise, score
-from tailstack_service.operations.levers import search_levers
+from tailstack.optimisation.levers import search_levers
+from tailstack.worth import weigh_fiducials
 
 SEATS = ("structure_connector", "connector_flange")
 LEAST = 0.01  # deg: of rotation_bounds in the demonstration
@@ -129,3 +130,21 @@ def test_a_search_reaches_by_fiducials_alone_what_the_optimiser_does_and_by_a_vi
     assert rows["view"].how == "found"
     assert rows["view"].value < first.targets[0].p95_mm
     assert rows["placement"].how == "bound"
+
+
+def test_the_worth_of_a_fiducial_is_the_difference_of_scores_and_the_score_without_it() -> None:
+    """independent: scores of documents with the first bead 0.1 mm elsewhere, and without it."""
+
+    def value(points: list[Any]) -> float:
+        found = score(load_design({**DEMO, "fiducials": {**DEMO["fiducials"], "points": points}}), losses=False)
+        return float(found.verdict.checks[0].value)
+
+    first, *others = DEMO["fiducials"]["points"]
+    (x, y, z), design = first["position_mm"], load_design(DEMO)
+    worth = weigh_fiducials(design, score(design, losses=False))[0]
+    ends = [value([{**first, "position_mm": [x, y, z + step]}, *others]) for step in (-0.1, 0.1)]
+    assert worth.slope is not None
+    assert worth.slope[2] == pytest.approx((ends[1] - ends[0]) / 0.2, rel=1e-3)
+    assert worth.value_without == pytest.approx(value(others), rel=1e-9)
+    mean = load_design({**DEMO, "requirements": [{**DEMO["requirements"][0], "statistic": "mean"}]})
+    assert "derivative is known of a quantile" in weigh_fiducials(mean, score(mean, losses=False))[0].why

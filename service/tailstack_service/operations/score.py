@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
-from tailstack.errors import IllPosedError, OutOfRangeError
-from tailstack.results import FiducialWorth, Score
+from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
@@ -20,11 +19,7 @@ from .effort import Size, score_seconds
 from .operation import Call, Command, LateImport, Operation
 from .options import Options, refuse_unknown_target
 
-if TYPE_CHECKING:
-    from tailstack.design import Design
-
 SEARCH_SECONDS = 5.0
-NO_SLOPE = "the derivative is known of a quantile of all shots together"
 
 
 class ScoreOptions(Options):
@@ -76,48 +71,14 @@ def _score(call: Call) -> Score:
     design = call.design
     found = score(design, **call.options.model_dump(exclude={"search", "fiducials"}))
     if call.options.fiducials:
-        found = replace(found, fiducials=_weigh_fiducials(design, found))
+        from tailstack.worth import weigh_fiducials
+
+        found = replace(found, fiducials=weigh_fiducials(design, found))
     if not call.options.search:
         return found
-    from .levers import search_levers
+    from tailstack.optimisation.levers import search_levers
 
     return search_levers(design, found)
-
-
-def _weigh_fiducials(design: Design, record: Score) -> tuple[FiducialWorth, ...]:
-    """What each fiducial does to the value that decides: by moving, exactly, and by being lost."""
-    from tailstack.design import compile_design, design_to_data, load_design
-    from tailstack.design_function import DesignFunction
-    from tailstack.losses import without_fiducials
-    from tailstack.results.verdicts import P95, decisive_check
-    from tailstack.scoring import score, vector3
-
-    system, check = compile_design(design), decisive_check(record.verdict.checks)
-    item = next((each for each in system.requirements if check and each.name == check.requirement), None)
-    target = record.worst_target.name if check is None else check.target
-    slopes: list[Any] = [None] * len(system.fiducial_labels)
-    why = "" if item is None or (item.level is None and item.row.by_quantile) else NO_SLOPE
-    if not why:
-        places = [f"/fiducials/points/{i}/position_mm/{k}" for i in range(len(slopes)) for k in range(3)]
-        function = DesignFunction(load_design(design_to_data(design)), places)  # which has those of a file, too
-        error, quantile = (item.error, item.quantile) if item else ("tcp", P95)
-        try:
-            _, by_place = function.p95_gradient(function.present, target, error, quantile)
-            slopes = [vector3(each) for each in by_place.reshape(-1, 3)]
-        except OutOfRangeError as refusal:
-            why = refusal.problems[0].detail
-    own = [each for each in system.targets if each.name == target] or system.targets
-    stated = () if item is None else (replace(item, targets=(target,)),)
-    system, worth = replace(system, targets=tuple(own), requirements=stated), []
-    for label, slope in zip(system.fiducial_labels, slopes, strict=True):
-        without, reason = None, ""
-        try:
-            left = score(without_fiducials(system, (label,)), losses=False)
-            without = left.verdict.checks[0].value if stated else left.worst_target.p95_mm
-        except IllPosedError as refusal:
-            reason = refusal.problems[0].detail
-        worth.append(FiducialWorth(label, slope, without, "; ".join(filter(None, (why, reason)))))
-    return tuple(worth)
 
 
 # --- the command ------------------------------------------------------------------------------------------

@@ -7,15 +7,15 @@ from math import inf
 
 import numpy as np
 
-from tailstack.design import Design
-from tailstack.errors import TailstackError
-from tailstack.optimisation.offer import add_view
-from tailstack.optimisation.placement import settle
-from tailstack.optimisation.request import OptimiseRequest, read_request
-from tailstack.optimisation.search import ALONE, search
-from tailstack.optimisation.views import Aim, AimSearch, present_distance
-from tailstack.results import Lever, Score
-from tailstack.scoring import score
+from ..design import Design
+from ..errors import TailstackError
+from ..results import Lever, Score
+from ..scoring import score
+from .offer import add_view
+from .placement import settle
+from .request import OptimiseRequest, read_request
+from .search import ALONE, search
+from .views import Aim, AimSearch, present_distance
 
 STARTS = 4  # layouts to search from, beside the present one
 
