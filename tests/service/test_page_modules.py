@@ -7,47 +7,22 @@ page's; and what an edit on the page takes off the list of what nobody stated.
 from __future__ import annotations
 
 import copy
-import json
-import os
 import random
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from openapi_scenes import pinned_tools
-from service_scenes import EXAMPLES, ROOT
+from page_in_node import SOURCES as PAGE
+from page_in_node import call_page
+from service_scenes import EXAMPLES
 
-from family import run_process
 from plain_data import places_of, replaced, value_at
 from tailstack import load_design, score
 from tailstack.design import check_design
 from tailstack.design.assumed import follow_changes, list_assumed
 from tailstack.design.presets import PRESETS, list_presets
 from tailstack_service.first_design import Beads, design_of_beads
-
-PAGE = ROOT / "service" / "workbench"
-STRIP = """
-const ts = require("typescript"), fs = require("fs");
-for (const name of process.argv.slice(1)) {
-  const source = fs.readFileSync(`${process.env.PAGE}/src/${name}.ts`, "utf8");
-  const { outputText } = ts.transpileModule(source, { compilerOptions: { module: "commonjs", target: "es2022" } });
-  fs.writeFileSync(`${name}.js`, outputText);
-}
-"""
-
-
-def call_page(folder: Path, modules: tuple[str, ...], script: str, asked: Any) -> Any:
-    """What a script answers, which may require the modules: it finds its question in ``asked`` and calls ``answer``."""
-    packages = pinned_tools(PAGE).parent
-    head = 'const asked = JSON.parse(require("fs").readFileSync(0, "utf8"));\n'
-    head += "const answer = (value) => console.log(JSON.stringify(value));\n"
-    environment = {**os.environ, "NODE_PATH": str(packages), "PAGE": str(PAGE)}
-    for arguments, given in ((["-e", STRIP, *modules], ""), (["-e", head + script], json.dumps(asked))):
-        done = run_process("node", *arguments, input=given, cwd=folder, env=environment, timeout=60)
-        assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
 
 TABLES = [(kind, size_mm) for kind in ("cube", "plate", "tube", "tower", "away") for size_mm in (40, 60, 80, 100, 120)]
 

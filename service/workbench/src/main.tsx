@@ -5,6 +5,7 @@ import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
+import { chosenBeads } from "./beads";
 import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
@@ -16,7 +17,6 @@ import { Elevations, Images } from "./parts/Pictures";
 import { PlaceSwitches } from "./parts/Places";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
-import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
 import { listed, Tip, WordList } from "./parts/Words";
 import { design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
@@ -110,7 +110,7 @@ function KeyWanted() {
 }
 
 function Workbench() {
-  const pane = (name: string, Content: () => preact.ComponentChild, heading = name) => (shown.value === "All" || shown.value === name) && (
+  const pane = (name: string, Content: preact.ComponentType, heading = name) => (shown.value === "All" || shown.value === name) && (
     <section class={`pane ${name.replace(/\W/g, "-")}`} aria-label={name}><h2 class="hidden">{heading}</h2><Content /></section>
   );
   return (
@@ -119,7 +119,8 @@ function Workbench() {
       <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
           <Minute />
-          <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}<span class="between" /><PlaceSwitches /></p>
+          <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}<span class="between" /><PlaceSwitches /><ArrangeSwitch /></p>
+          {arranging.value && <Arrange />}
           <div class={shown.value === "All" ? "panes all" : "panes"}>
             {pane("X-ray images", Images, "What the X-rays see")}
             {pane("In space", Space)}
@@ -138,7 +139,7 @@ function Workbench() {
           <Part title="Variants"><Variants /></Part>
           <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
-          <Part title="As text" summoned={shownPointer.value !== null}><TextPart /></Part>
+          <Part title="As text" summoned={shownPointer.value !== null}><Editor /></Part>
           <Part title="Other designs"><Gallery /></Part>
           <Foot />
         </div>
@@ -182,16 +183,25 @@ function Foot() {
   );
 }
 
-// The editor and the manual are fetched when they are opened: the first score does not wait for them
+// What is fetched when it is shown: the first score does not wait for it
 const manual = signal<preact.ComponentType<{ onClose: () => void }> | null>(null);
-const editor = signal<preact.ComponentType | null>(null);
-function TextPart() {
-  const Editor = editor.value;
-  useEffect(() => {
-    if (!editor.value) void import("./parts/Editor").then((module) => (editor.value = module.Editor));
-  }, []);
-  return Editor ? <Editor /> : <p class="note">The editor is being fetched.</p>;
+const Editor = fetched("The editor", () => import("./parts/Editor").then((module) => module.Editor));
+const Space = fetched("The drawing in space", () => import("./parts/Space").then((module) => module.Space));
+const Arrange = fetched("What arranges beads", () => import("./parts/Arrange").then((module) => module.Arrange));
+
+/** A part that is fetched when it is first shown. */
+function fetched(name: string, load: () => Promise<preact.ComponentType>): preact.ComponentType {
+  const loaded = signal<preact.ComponentType | null>(null);
+  return () => {
+    useEffect(() => {
+      if (!loaded.value) void load().then((part) => (loaded.value = part));
+    }, []);
+    return loaded.value ? <loaded.value /> : <p class="note">{`${name} is being fetched.`}</p>;
+  };
 }
+
+const arranging = signal(false);
+const ArrangeSwitch = () => <button type="button" class="small" aria-pressed={arranging.value} onClick={() => (arranging.value = !arranging.value)}>{chosenBeads.value.length > 1 ? `Arrange ${chosenBeads.value.length}` : "Arrange"}</button>;
 
 function Part({ title, open: begin = false, summoned = false, paper = false, children }: { title: string; open?: boolean; summoned?: boolean; paper?: boolean; children: preact.ComponentChildren }) {
   const [isOpen, setOpen] = useState(begin);

@@ -40,7 +40,16 @@ export const position = signal(-1);
 export const gesture = signal<Edit[]>([]);
 const shelf = shareList<Variant>("tailstack.workbench.variants", "name", ["text"], ({ at }) => at ?? 0);
 export const variants = shelf.list;
-export const selected = signal<string | null>(null); // label of a fiducial
+export const picked = signal<readonly string[]>([]); // labels of the fiducials that are chosen, the one chosen last at the end
+/** The one of them that keys move; setting it leaves the others. */
+export const selected = {
+  get value(): string | null {
+    return picked.value[picked.value.length - 1] ?? null;
+  },
+  set value(label: string | null) {
+    if (picked.peek().length !== 1 || picked.peek()[0] !== label) picked.value = label === null ? [] : [label];
+  },
+};
 export const pointed = signal<string | null>(null); // of the one that the pointer is at, wherever that is
 export const opened = signal(0); // designs opened so far: what was found of one says nothing of the next
 export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text

@@ -1,9 +1,9 @@
 // What is changed by typing: beads, angles and distances of the views, pivots, targets, limits.
 
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { design, edit, type Json, type Path, pointed, selected, valueAt } from "../state";
+import { adding, type Bead, beads, toggle } from "../beads";
+import { design, edit, type Json, type Path, picked, pointed, selected, valueAt } from "../state";
 import { readNumber } from "../words";
-import { type Bead, beads } from "./Pictures";
 
 /** Show a value in a field, unless something else is just being typed there. */
 export function showValue(field: HTMLInputElement | null, value: Json): void {
@@ -73,7 +73,7 @@ export function Beads() {
           <thead><tr><th>Bead</th><th class="number">x, mm</th><th class="number">y, mm</th><th class="number">z, mm</th><th><span class="hidden">Remove</span></th></tr></thead>
           <tbody>
             {known.map((bead) => (
-              <tr key={bead.index} class={`${bead.label === selected.value ? "chosen" : ""}${bead.label === pointed.value ? " over" : ""}`} onClick={() => (selected.value = bead.label)}
+              <tr key={bead.index} class={`${picked.value.includes(bead.label) ? "chosen" : ""}${bead.label === pointed.value ? " over" : ""}`} onClick={(event) => (event.shiftKey || adding.value ? toggle(bead.label) : (selected.value = bead.label))}
                 onPointerEnter={() => (pointed.value = bead.label)} onPointerLeave={() => (pointed.value = null)} onFocusIn={() => (pointed.value = bead.label)} onFocusOut={() => (pointed.value = null)}>
                 <th>{bead.label}</th>
                 {["x", "y", "z"].map((axis, k) => (

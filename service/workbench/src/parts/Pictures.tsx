@@ -3,31 +3,15 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { answer, current, drawn, late, layout, refused } from "../api";
-import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
-import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, pointed, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
+import { adding, type Bead, beads, beadsOf, called, movingTo, pick, stopped, toggle as togglePicked, wrong } from "../beads";
+import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, picked, pointed, position, PRESSES, preview, say, selected, settled, steps, text, variants } from "../state";
 import { brief } from "../words";
 import { hinted } from "./Minute";
 import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
 import { Remarks } from "./Problems";
 
-export interface Bead {
-  index: number;
-  label: string;
-  position: Vector;
-}
-
-/** The fiducials that the page can move: those that the design lists point by point. */
-export const beads = computed<Bead[]>(() => beadsOf(design.value));
-
-function beadsOf(data: Json): Bead[] {
-  const points = data?.fiducials?.points;
-  if (!Array.isArray(points)) return [];
-  return points.flatMap((point: Json, index: number) => {
-    const p = point?.position_mm;
-    const sound = Array.isArray(p) && p.length === 3 && p.every((v: unknown) => typeof v === "number" && Number.isFinite(v));
-    return sound ? [{ index, label: String(point.label ?? `F${index + 1}`), position: p as Vector }] : [];
-  });
-}
+export { type Bead, beads } from "../beads";
 
 export const ghost = signal<string | null>(null); // name of the variant that is drawn below
 const ghosts = computed<Bead[]>(() => {
@@ -55,8 +39,6 @@ function outdated(parts: RegExp): boolean {
 }
 
 const where = (p: readonly number[]) => ["x", "y", "z"].map((axis, k) => `${axis} ${p[k].toFixed(2)}`).join(", ").replace(/-/g, "−");
-
-const editOf = (bead: Bead, position: Vector) => [{ path: ["fiducials", "points", bead.index, "position_mm"], value: rounded(position) }];
 
 // --- a picture, whatever maps points to it ------------------------------------------------------------------------
 
@@ -93,8 +75,9 @@ const ZOOM = 1.25, DEEPEST = 200; // of a key, and of all
 
 function Picture({ plane, words }: { plane: Plane; words: string }) {
   const svg = useRef<SVGSVGElement>(null);
-  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel; moved: boolean; again: boolean; box: Box } | null>(null);
+  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel; moved: boolean; again: boolean; more: boolean; box: Box } | null>(null);
   const slid = useRef<{ from: Pixel; box: Box } | null>(null); // where the ground was pressed, in pixels of the screen
+  const [band, stretch] = useState<{ from: Pixel; to: Pixel; more: boolean } | null>(null); // round what is to be chosen
   const pinched = useRef<{ spread: number; middle: Pixel; box: Box } | null>(null); // by two fingers
   const pressed = useRef<Pixel | null>(null); // where the last press was, if nothing was moved by it
   const [watched, watch] = useState(false); // whether it has the focus
@@ -158,59 +141,87 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     return { under, found: same ?? under[0], again: same !== undefined };
   };
   const choose = (label: string) => {
-    selected.value = label;
+    if (picked.value.includes(label)) pick([label], true); // and what is chosen with it
+    else selected.value = label;
     svg.current!.focus({ preventScroll: true });
   };
   const grab = (event: PointerEvent) => {
-    const now = place(event), { found, again } = taken(now);
+    const now = place(event), { found, again } = taken(now), more = event.shiftKey || adding.value;
     if (event.button || !event.isPrimary) return;
     if (!found) {
-      if (event.pointerType === "touch") return; // which scrolls the page
-      svg.current!.setPointerCapture(event.pointerId);
-      return void (slid.current = { from: [event.clientX, event.clientY], box });
+      if (more || event.ctrlKey || event.metaKey) stretch({ from: now, to: now, more });
+      else if (event.pointerType === "touch") return; // which scrolls the page
+      else slid.current = { from: [event.clientX, event.clientY], box };
+      return void svg.current!.setPointerCapture(event.pointerId);
     }
-    // A finger scrolls the page, unless it is on the bead that was chosen before
-    if (event.pointerType === "touch" && found.bead.label !== selected.value) return void (held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again: false, box: plane.box });
+    // A finger scrolls the page, unless it is on a bead that was chosen before
+    const free = event.pointerType === "touch" && !picked.value.includes(found.bead.label);
+    held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again, more, box: plane.box };
+    if (free) return;
     event.preventDefault();
-    choose(found.bead.label);
-    held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again, box: plane.box };
+    if (!more) choose(found.bead.label);
     svg.current!.setPointerCapture(event.pointerId);
   };
   const move = (event: PointerEvent) => {
+    const now = place(event);
+    if (band) return stretch({ ...band, to: now });
     if (slid.current) {
       const { from, box: [l, t, w, h] } = slid.current, x = event.clientX - from[0], y = event.clientY - from[1];
       return void (Math.hypot(x, y) > STILL && zoomTo(plane.name, [l - x * scale, t - y * scale, w, h]));
     }
-    const now = place(event);
     if (!held.current) return point(event.pointerType === "touch" ? null : taken(now).found?.bead.label ?? null);
-    const { bead, from, at } = held.current;
+    const { bead, from, at, more } = held.current, begins = !held.current.moved;
     held.current.moved ||= !near(from, now, STILL);
-    if (held.current.moved && bead.label === selected.value) preview(editOf(bead, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]])));
+    if (held.current.moved && begins && more) pick([bead.label], true);
+    if (!held.current.moved || !picked.value.includes(bead.label)) return;
+    const edits = movingTo(bead.label, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]]));
+    if (edits) preview(edits);
   };
   const drop = () => {
     const press = held.current;
     held.current = slid.current = null;
+    if (band) {
+      const [[l, r], [t, b]] = [0, 1].map((k) => [Math.min(band.from[k], band.to[k]), Math.max(band.from[k], band.to[k])]);
+      pick(placed.filter(({ at }) => at && at[0] >= l && at[0] <= r && at[1] >= t && at[1] <= b).map(({ bead }) => bead.label), band.more);
+      svg.current!.focus({ preventScroll: true });
+      return stretch(null);
+    }
     if (!press) return;
     if (press.moved) {
       pressed.current = null;
-      return finishGesture(`Move ${press.bead.label}`);
+      finishGesture(`Move ${called(press.bead.label)}`);
+      return told();
+    }
+    if (press.more) {
+      togglePicked(press.bead.label);
+      return svg.current!.focus({ preventScroll: true });
     }
     const under = reached(press.from), k = under.findIndex(({ bead }) => bead.label === press.bead.label);
     const next = press.again && k >= 0 ? under[(k + 1) % under.length].bead : press.bead;
     pressed.current = press.from;
-    choose(next.label);
+    selected.value = next.label;
+    svg.current!.focus({ preventScroll: true });
     point(next.label);
+  };
+  const told = () => {
+    if (stopped.value) say(`It stays: there it would be ${stopped.value}. "Arrange" has what is kept.`);
+    stopped.value = null;
   };
   const press = (event: KeyboardEvent) => {
     const arrows: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     const way = arrows[event.key];
     if (event.key === "Escape") {
+      stretch(null);
+      if (!held.current && !gesture.value.length) selected.value = null;
       held.current = null;
       cancelGesture();
-    } else if (way && chosen && !event.ctrlKey && !event.metaKey) {
+    } else if (event.key.toLowerCase() === "a" && (event.ctrlKey || event.metaKey)) pick(placed.map(({ bead }) => bead.label), false);
+    else if (way && chosen && !event.ctrlKey && !event.metaKey) {
       const [right, down] = plane.steps(chosen.bead.position), by = NUDGE(event);
       const moved = add(add(chosen.bead.position, right, way[0] * by), down, way[1] * by);
-      edit(editOf(chosen.bead, moved), `Move ${chosen.bead.label}`, PRESSES);
+      const edits = movingTo(chosen.bead.label, moved);
+      if (edits) edit(edits, `Move ${called(chosen.bead.label)}`, PRESSES);
+      told();
     } else if (/^[np]$/i.test(event.key) && !event.ctrlKey && !event.metaKey && !event.altKey && placed.length) {
       const k = placed.indexOf(chosen!), next = (k + (event.key.toLowerCase() === "n" ? 1 : placed.length - 1)) % placed.length;
       selected.value = placed[selected.value ? next : 0].bead.label;
@@ -230,7 +241,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
   const over = placed.find(({ bead, at }) => at && bead.label === hovered);
   const below = over ? reached(inside(over.at!)).map(({ bead }) => bead.label).filter((label) => label !== hovered) : [];
   // What is pointed at, and what is chosen, are drawn above their neighbours
-  const rank = (label: string) => (label === pointed.value ? 2 : label === selected.value ? 1 : 0);
+  const rank = (label: string) => (label === pointed.value ? 2 : picked.value.includes(label) ? 1 : 0);
   const ordered = placed.map((each, k) => ({ ...each, k })).sort((a, b) => rank(a.bead.label) - rank(b.bead.label));
   return (
     <figure class={plane.old ? "picture old" : "picture"}>
@@ -240,16 +251,16 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
       </figcaption>
       <svg
         ref={svg} viewBox={`${left} ${top} ${width} ${height}`} tabindex={0} role="application" class={hovered ? "movable over" : "movable"}
-        aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm${worthOf(chosen.bead.label)}.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before; + and − zoom, 0 fits.`}
-        onPointerDown={grab} onPointerMove={move} onPointerUp={drop} onFocus={() => watch(true)} onBlur={() => watch(false)} onPointerLeave={() => point(null)} onPointerCancel={() => { held.current = slid.current = null; cancelGesture(); }} onKeyDown={press}
-        onTouchStart={(event) => { pinch(event); if (held.current?.bead.label === selected.value) event.preventDefault(); }} onTouchMove={pinch} onTouchEnd={pinch}
+        aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm${worthOf(chosen.bead.label)}${picked.value.length > 1 ? `, and ${picked.value.length - 1} more` : ""}.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before, Ctrl+A all; + and − zoom, 0 fits.`}
+        onPointerDown={grab} onPointerMove={move} onPointerUp={drop} onFocus={() => watch(true)} onBlur={() => watch(false)} onPointerLeave={() => point(null)} onPointerCancel={() => { held.current = slid.current = null; stretch(null); cancelGesture(); }} onKeyDown={press}
+        onTouchStart={(event) => { pinch(event); if (band || (held.current && picked.value.includes(held.current.bead.label))) event.preventDefault(); }} onTouchMove={pinch} onTouchEnd={pinch}
         onWheel={(event) => {
           if (document.activeElement !== svg.current && !event.ctrlKey) return; // the page scrolls on
           event.preventDefault();
           zoom(Math.exp(-Math.min(Math.max(event.deltaY * (event.deltaMode === 1 ? 16 : 1), -120), 120) / 400), place(event));
         }}
       >
-        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${worthOf(over.bead.label)}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
+        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${worthOf(over.bead.label)}${wrong.value.has(over.bead.label) ? `; ${wrong.value.get(over.bead.label)}` : ""}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
         <rect class="ground" x={left} y={top} width={width} height={height} />
         {plane.frame && <rect class="detector" x={plane.frame[0]} y={plane.frame[1]} width={plane.frame[2]} height={plane.frame[3]} />}
         {plane.frame && plane.margin ? (
@@ -279,17 +290,18 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
         <Arrows plane={plane} scale={scale} />
         {ordered.map(({ bead, at, k }) => {
           if (!at) return null;
-          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false, hidden: Number(crowded) }, isChosen = bead.label === selected.value, over = bead.label === pointed.value;
+          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false, hidden: Number(crowded) }, isChosen = picked.value.includes(bead.label), bad = outside(at) || wrong.value.has(bead.label), over = bead.label === pointed.value;
           const heat = heatOf(bead.label), named = isChosen || over || hinted.value === bead.label || name.hidden === 0;
           return (
-            <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
+            <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${bad ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
               <circle class="reach" cx={x} cy={y} r={REACH * scale} />
               {hinted.value === bead.label && <circle class="hint" cx={x} cy={y} r={11 * scale} />}
-              <circle class="mark" cx={x} cy={y} r={4.5 * scale} style={heat === null || outside(at) ? undefined : { fill: `color-mix(in oklab, var(--heat) ${Math.round(100 * heat)}%, var(--bead))` }} />
+              <circle class="mark" cx={x} cy={y} r={4.5 * scale} style={heat === null || bad ? undefined : { fill: `color-mix(in oklab, var(--heat) ${Math.round(100 * heat)}%, var(--bead))` }} />
               {named && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>
           );
         })}
+        {band && <rect class="band" x={Math.min(band.from[0], band.to[0])} y={Math.min(band.from[1], band.to[1])} width={Math.abs(band.to[0] - band.from[0])} height={Math.abs(band.to[1] - band.from[1])} />}
         <g class="scale" aria-hidden="true">
           <path d={`M${left + 12 * scale} ${top + height - 10 * scale}h${bar}`} />
           <text x={left + 12 * scale} y={top + height - 14 * scale} font-size={11 * scale}>{`${bar} ${plane.unit}`}</text>

@@ -55,7 +55,7 @@ export function WordList() {
         <>
           <p class="controls"><strong>What the words mean</strong><button type="button" onClick={() => (listed.value = false)}>Close</button></p>
           <dl tabIndex={0}>{Object.entries(GLOSSARY).map(([word, meaning]) => <div key={word}><dt>{word}</dt><dd>{meaning}</dd></div>)}</dl>
-          <p class="note">Keys: Ctrl+Z and Ctrl+Shift+Z undo and redo; in a picture the arrows move the chosen bead by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before, + and − zoom, 0 fits; ? shows this list.</p>
+          <p class="note">Keys: Ctrl+Z and Ctrl+Shift+Z undo and redo; in a picture the arrows move the chosen bead by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before, Ctrl+A all, Escape none; with Shift a press adds a bead, with Ctrl a drag draws a frame; + and − zoom, 0 fits; ? shows this list.</p>
         </>
       )}
     </dialog>
