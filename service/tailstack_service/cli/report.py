@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from tailstack.errors import DesignError, Problem
+from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.extras import require_extras
 
 from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
 FORMATS = ("html", "pdf", "xlsx", "json", "csv")
-OF_A_DESIGN = (*ReportOptions.model_fields, "starts")
+OF_A_DESIGN = (*ReportOptions.model_fields, "starts", "against")
 BOUNDS = ("max_trials", "starts")  # with --verify: the most that is computed again
 MOST_BYTES = 200_000_000  # of a file that is verified
 
@@ -47,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--summary", action="store_true", help="one page to sign, A4, as a PDF")
     words = "of a design: the sheet for whoever makes it, beads and seats as drawn and nothing that was computed"
     parser.add_argument("--supplier", action="store_true", help=words)
+    words = "of a design: compare it with the version of this name that its review section keeps"
+    parser.add_argument("--against", metavar="VERSION", help=words)
     add_flags(parser, ReportOptions, "parts")
     add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
@@ -93,7 +95,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     record: Any
     if arguments.supplier:
         kind, record = "sheet", _draw_up_sheet(arguments, given)
-    elif len(given) == 2:
+    elif len(given) == 2 or arguments.against is not None:
         kind, record = "comparison", _compare(arguments, given)
     elif not isinstance(given[0], bytes | Path):
         kind, record = given[0].kind, given[0].record
@@ -200,6 +202,10 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
     from ..report.comparing import compute_comparison
 
     designs = [_as_design(source, name) for source, name in zip(given, arguments.sources, strict=True)]
+    if arguments.against is not None:
+        if len(designs) > 1:
+            _refuse("too-many", "--against names a version of one design", "give one design, or leave it out")
+        designs.insert(0, _version_of(designs[0], arguments.against, arguments.sources[0]))
     _no_options(arguments, ("profile",), "two designs are compared without it", "report each by itself")
     with Progress("report") as progress:
         return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
@@ -208,6 +214,24 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
 def _as_design(given: ReadResult | bytes | Path, file: str) -> Design:
     """A design, or the one that a result holds.  Raises RequestError."""
     return _design(given) if isinstance(given, bytes | Path) else _held_design(given, file)
+
+
+def _version_of(design: Design, name: str, file: str) -> Design:
+    """A version that a design keeps.  Raises RequestError for one that it has not, or that is no design."""
+    from tailstack.design import load_design
+
+    review = design.document.review
+    version = None if review is None else review.version(name)
+    if version is None:
+        known = ", ".join(each.name for each in review.versions) if review is not None else ""
+        hint = f"it keeps {known}" if known else "it keeps none; to compare two files give both"
+        _refuse("unknown-value", f"--against: the design keeps no version {name!r}", hint, file)
+    try:
+        return load_design(version.text.encode(), base_directory=design.source.directory)
+    except (DesignError, LimitError) as error:
+        problem = error.problems[0]
+        detail = f"version {name!r} is no design: {problem.pointer or 'the text'}: {problem.detail}"
+        _refuse("bad-version", detail, problem.hint, file)
 
 
 def _held_design(result: ReadResult, file: str) -> Design:
@@ -224,8 +248,9 @@ def _verify(arguments: argparse.Namespace) -> Answer:
     from ..audit import Effort, audit
     from ..audit.findings import audit_text
 
-    if arguments.summary:
-        _refuse("unused-option", "--summary: a report is verified as it is", "leave it out")
+    for name in ("summary", "supplier"):
+        if getattr(arguments, name):
+            _refuse("unused-option", f"--{name}: a report is verified as it is", "leave it out")
     refused = ("format", "output", *(name for name in OF_A_DESIGN if name not in BOUNDS))
     _no_options(arguments, refused, "a report is verified as it is", "leave it out")
     usual = Effort()

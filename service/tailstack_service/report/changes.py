@@ -13,7 +13,7 @@ from .records import Change
 MOST = 500
 SAYINGS = ("name", "label", "component")  # what tells an element of a list from the others
 LONGEST = 400  # characters of a value
-APART = ("schema",)
+APART = ("schema", "review")
 
 
 def changes_of(first: Any, second: Any) -> tuple[tuple[Change, ...], int]:
@@ -41,7 +41,7 @@ def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: s
         elif value is not None:
             yield Change(ways[1], ways[2].strip(), unit_label(ways[1]), "added", None, _value(value))
     for key, value in first.items():
-        if key not in second and value is not None:
+        if key not in second and value is not None and not (old == "" and key in APART):
             at = f"{old}/{_escape(key)}"
             yield Change(at, f"{name} {key}".strip(), unit_label(at), "removed", _value(value), None)
 

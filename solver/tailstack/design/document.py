@@ -93,6 +93,7 @@ from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
 from .optimise_document import Optimise
 from .presets import PRESETS
+from .review import Review
 
 if TYPE_CHECKING:
     RiskName = str
@@ -1115,7 +1116,7 @@ class DocumentTitle(Record):
         return self
 
 
-@with_sections("design", document=None, assumed=[], bodies=[], target_files=None, target_origins=None)
+@with_sections("design", document=None, assumed=[], bodies=[], target_files=None, target_origins=None, review=None)
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -1182,6 +1183,12 @@ class DesignDocument(_Design):
         "covers every number below it. A verdict says on how many assumed values it rests; who knows a value takes "
         "its pointer off. No number depends on it. Default none.",
         examples=[["/interfaces", "/views/0/fiducial_noise_px"]],
+    )
+
+    review: Review | None = Field(
+        default=None,
+        description="Earlier versions by name, and comments pinned to fiducials or lines of the budget. Reports list "
+        "them; they change no number, nor the hash of the design. Absent: none.",
     )
 
     @model_validator(mode="after")

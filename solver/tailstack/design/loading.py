@@ -329,7 +329,7 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
 
 
 # the points are hashed apart, in con, wherever they were read
-_ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True}
+_ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True, "review": True}
 
 
 def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:

@@ -77,7 +77,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    style = '"' if is_unseen(text) else "'" if not isinstance(scalar(text), str) else None
+    style = '"' if is_unseen(text) else "'" if not isinstance(scalar(text), str) else "|" if "\n" in text else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 

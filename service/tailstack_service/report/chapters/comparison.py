@@ -29,6 +29,7 @@ from ..headline import comparison_decimals, decided_difference, difference_decim
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
+from .review import review_sections
 from .tables import closing_sections
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def comparison_document(comparison: Comparison, sha256: str) -> Document:
         Section("Both layouts", _layouts(comparison)),
         Section("Budgets side by side", tuple(_budgets(comparison))),
         Section("Requirements and findings", _verdict_blocks(comparison)),
+        *review_sections(second.design),
         Section("Method and assumptions", _method(comparison), reader="auditor"),
         *closing_sections(second.provenance, *_reproduction(second), design=second.design),
     ]

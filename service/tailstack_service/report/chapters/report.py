@@ -25,6 +25,7 @@ from .optimisation import (
     optimised_sentence,
 )
 from .radiostereometry import radiostereometry_blocks
+from .review import review_sections
 from .score import (
     budget_blocks,
     error_blocks,
@@ -52,6 +53,7 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("The error", error_chapter(report)),
         Section("The layout", (*layout_blocks(drawn, report.title), beads_table(report.design))),
         Section("Requirements and findings", judged_blocks(report)),
+        *review_sections(report.design),
     ]
     if report.radiostereometry is not None:
         sections.insert(0, Section("Radiostereometry", radiostereometry_blocks(report.radiostereometry)))
