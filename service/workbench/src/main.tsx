@@ -129,6 +129,7 @@ function Workbench() {
           <section aria-label="Requirements"><h2>Requirements</h2><Requirements /></section>
           <Part title="Beads" open paper><Beads /></Part>
           <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
+          <Part title="Many designs at once"><Many /></Part>
         </div>
         <Splitter />
         <div class="change">
@@ -187,6 +188,7 @@ function Foot() {
 const manual = signal<preact.ComponentType<{ onClose: () => void }> | null>(null);
 const Editor = fetched("The editor", () => import("./parts/Editor").then((module) => module.Editor));
 const Space = fetched("The drawing in space", () => import("./parts/Space").then((module) => module.Space));
+const Many = fetched("What scores many designs", () => import("./parts/Many").then((module) => module.Many));
 const Arrange = fetched("What arranges beads", () => import("./parts/Arrange").then((module) => module.Arrange));
 
 /** A part that is fetched when it is first shown. */
@@ -194,7 +196,7 @@ function fetched(name: string, load: () => Promise<preact.ComponentType>): preac
   const loaded = signal<preact.ComponentType | null>(null);
   return () => {
     useEffect(() => {
-      if (!loaded.value) void load().then((part) => (loaded.value = part));
+      if (!loaded.value) void load().then((part) => (loaded.value = part), () => say("This part of the page does not come: the service does not answer. Close the part and open it again.", true));
     }, []);
     return loaded.value ? <loaded.value /> : <p class="note">{`${name} is being fetched.`}</p>;
   };

@@ -8,6 +8,7 @@ import { gradesOf, type Line, placeOf } from "../advice";
 import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
+import type { HalfWidth as Slide } from "../sample";
 import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
@@ -24,14 +25,8 @@ const SLACK = "Slack to the limit";
 
 // --- half-widths that can be slid ------------------------------------------------------------------------------------
 
-interface Slide {
-  path: Path;
-  label: string;
-  unit: string;
-}
-
 /** Every half-width and standard deviation of the design, wherever it stands. */
-function slides(data: Json): Slide[] {
+export function slides(data: Json): Slide[] {
   const found: Slide[] = [];
   const visit = (part: Json, path: Path, words: string[]) => {
     if (part === null || typeof part !== "object") return;

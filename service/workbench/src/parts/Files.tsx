@@ -288,7 +288,7 @@ export function TakeAway() {
   );
 }
 
-async function copy(content: string, words: string): Promise<void> {
+export async function copy(content: string, words: string): Promise<void> {
   try {
     await navigator.clipboard.writeText(content);
     say(words);
