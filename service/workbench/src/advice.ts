@@ -41,7 +41,7 @@ effect(() => {
 export type Line = Score["targets"][number]["contributors"][number];
 
 /** Where the half-width of a line of the budget, or the deviation of a noise, stands in the design. */
-export function placeOf(data: Json, { name, component, half_width: width, unit }: Line): Path | null {
+export function placeOf(data: Json, { name, component, half_width: width, unit }: Pick<Line, "name" | "component" | "half_width" | "unit">): Path | null {
   const field = `half_width_${unit}`, seat: Path = name === "hand_eye" ? ["execution", "hand_eye"] : ["interfaces", name];
   const locators: Json[] = valueAt(data, [...seat, "locators"]) ?? [], k = Array.isArray(locators) ? locators.findIndex((each) => each?.name === component) : -1;
   const [what, view] = name.split(/:(.*)/s), views: Json[] = Array.isArray(data?.views) ? data.views : [], seen = views.findIndex((each) => each?.name === view);
@@ -166,6 +166,15 @@ async function wallOf(asked: Json, finest: Map<string, number>, seats: number, o
 
 export const START = "from: a box round the beads, seats ± 50 %";
 
+/** Each half-width of both seats, free from so many times what it is to so many. */
+export const seatsOf = (data: Json, least: number, most: number): Json[] => ["structure_connector", "connector_flange"].flatMap((interface_) => {
+  const seat = data?.interfaces?.[interface_] ?? {}, named: [string, Json][] = [...Object.entries(seat.tolerances ?? {}), ...(Array.isArray(seat.locators) ? seat.locators.map((each: Json) => [each?.name, each] as [string, Json]) : [])];
+  return named.flatMap(([component, given]) => ["deg", "mm"].flatMap((unit) => {
+    const width = given?.[`half_width_${unit}`];
+    return typeof width === "number" && width > 0 && given.distribution !== "bounded" ? [{ interface: interface_, component, [`min_${unit}`]: Number((least * width).toPrecision(3)), [`max_${unit}`]: Number((most * width).toPrecision(3)) }] : [];
+  }));
+});
+
 /** What an optimisation may change where the design does not say: beads in a box round where they are, half-widths of
  * the seats by half of themselves; spacing in space and in the images is kept as it is, where it is close. */
 export function startOf(data: Json, score: Score | null): Json {
@@ -174,13 +183,7 @@ export function startOf(data: Json, score: Score | null): Json {
   const apart = Math.min(...points.flatMap((a, k) => points.slice(k + 1).map((b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]))));
   const least = (usual: number, values: (number | null | undefined)[]) => Math.max(0, Math.min(usual, ...values.filter((v): v is number => typeof v === "number").map(Math.floor)));
   const views = score?.views ?? [];
-  const tolerances = ["structure_connector", "connector_flange"].flatMap((interface_) => {
-    const seat = data?.interfaces?.[interface_] ?? {}, named: [string, Json][] = [...Object.entries(seat.tolerances ?? {}), ...(Array.isArray(seat.locators) ? seat.locators.map((each: Json) => [each?.name, each] as [string, Json]) : [])];
-    return named.flatMap(([component, given]) => ["deg", "mm"].flatMap((unit) => {
-      const width = given?.[`half_width_${unit}`];
-      return typeof width === "number" && width > 0 && given.distribution !== "bounded" ? [{ interface: interface_, component, [`min_${unit}`]: Number((width / 2).toPrecision(3)), [`max_${unit}`]: Number((1.5 * width).toPrecision(3)) }] : [];
-    }));
-  });
+  const tolerances = seatsOf(data, 0.5, 1.5);
   return {
     ...(points.length ? { box: { min_mm: ends.map(([low]) => low), max_mm: ends.map(([, high]) => high) } } : {}),
     min_spacing_mm: Number.isFinite(apart) ? least(10, [apart]) : 10,

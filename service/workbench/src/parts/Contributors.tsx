@@ -13,6 +13,7 @@ import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { crossingOf, Curve, drawn } from "./Curve";
+import { Lock } from "./Limit";
 import { Problems } from "./Problems";
 import { Term } from "./Words";
 
@@ -251,6 +252,7 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
       {grades.length > 0 && <datalist id={marks}>{grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
       <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
       <span class="unit">{slide.unit}</span>
+      <Lock path={slide.path} label={slide.label} />
     </span>
   );
 }

@@ -7,13 +7,14 @@ import { advised, START } from "../advice";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
 import { type AnyReading, BY, change, decimals, estimated, seen, shown, standing, verified } from "../readings";
-import { canRedo, canUndo, design, edit, gesture, goTo, type Json, type Path, position, redo, steps, text, undo } from "../state";
+import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
 import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
 import { Rests } from "./Assumed";
 import { Checks, interval, Measures } from "./Checks";
 import { NumberField } from "./Controls";
 import { Dots } from "./Dots";
 import { Reach } from "./Levers";
+import { Limit, limitOf } from "./Limit";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
 import { Term } from "./Words";
@@ -70,6 +71,7 @@ export function Verdict() {
         )}
       </div>
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
+      {reading && <Limit />}
       <Acts />
       <History />
       <div class="sentence">
@@ -80,13 +82,6 @@ export function Verdict() {
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)} ${unit}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} ${unit} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
-}
-
-/** Where the limit of a requirement stands in the design. */
-function limitOf(data: Json, requirement: string): Path | null {
-  const all: Json[] = Array.isArray(data?.requirements) ? data.requirements : [], k = all.length === 1 ? 0 : all.findIndex((each) => each?.name === requirement);
-  const field = Object.keys(all[k] ?? {}).find((name) => name.startsWith("limit_"));
-  return field && typeof all[k][field] === "number" ? ["requirements", k, field] : null;
 }
 
 /** Whether what is known and the same each time is most of the error: it is taken away before any tolerance. */

@@ -1,0 +1,291 @@
+// The limit, and what the design comes to, as handles: while one is dragged, the cheapest half-widths that keep it move
+// with the hand.  One request in flight, the latest place of the hand wins, and a finished drag is one step.
+
+import { computed, effect, signal, untracked } from "@preact/signals";
+import { useRef } from "preact/hooks";
+import type { components } from "../../../../openapi/typescript/tailstack";
+import { placeOf, seatsOf } from "../advice";
+import { current, late, readRefusal, refused, send, unreachable } from "../api";
+import { answering, type Check, decisive, estimated, known, standing } from "../readings";
+import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
+import { brief, mm, readNumber, stated } from "../words";
+import { Term } from "./Words";
+
+type Allocation = components["schemas"]["Allocation"];
+type Handle = "limit" | "value";
+
+const QUIET = 500; // ms without a change, after which the least cost is looked for
+const FLOOR = 1e-4; // relative: what is aimed at stays so far above what is out of reach
+const NEAR = 1.002; // so near to the least that there is, it is told
+const SNAP = 6; // px within which what it comes to is dragged onto the limit
+
+// --- what may change ---------------------------------------------------------------------------------------------------
+
+const ROTATIONS = ["rx", "ry", "rz"], TRANSLATIONS = ["tx", "ty", "tz"], FREE = ["tolerances", "rotation_bounds", "translation_bounds"];
+
+/** The design with what an allocation may change: as it says; where it does not, each seat from a tenth to three times. */
+const withFree = (data: Json): Json => (FREE.some((field) => data?.optimise?.[field]) ? data : { ...data, optimise: { ...data?.optimise, tolerances: seatsOf(data, 0.1, 3) } });
+
+/** CONTRIBUTOR.COMPONENT of a half-width of a seat; null of any other. */
+export function seatOf(data: Json, path: Path): string | null {
+  const [part, seat, field, component] = path;
+  return part !== "interfaces" ? null : field === "tolerances" ? `${seat}.${component}` : field === "locators" ? `${seat}.${data?.interfaces?.[seat]?.locators?.[component]?.name}` : null;
+}
+
+const free = computed(() => {
+  const { tolerances = [], rotation_bounds: turns, translation_bounds: shifts } = withFree(settled.value)?.optimise ?? {}, names = [...(turns ? ROTATIONS : []), ...(shifts ? TRANSLATIONS : [])];
+  const listed: string[] = (Array.isArray(tolerances) ? tolerances : []).filter((each) => !each?.grades).map((each) => `${each?.interface}.${each?.component}`);
+  return new Set([...listed, ...["structure_connector", "connector_flange"].flatMap((seat) => names.map((name) => `${seat}.${name}`))]);
+});
+
+const locked = signal<ReadonlySet<string>>(new Set());
+/** Why nothing can be dragged, where that is seen without asking. */
+const barred = computed(() => {
+  if ([settled.value?.optimise?.tolerances ?? []].flat().some((each: Json) => each?.grades)) return "Half-widths are bought from tables of grades here: nothing in between to drag; Optimise chooses among them.";
+  if ([...free.value].every((name) => locked.value.has(name))) return free.value.size ? "Every half-width that is free is locked: open a padlock." : "No half-width of a seat is free: there is nothing to drag.";
+  return standing.value.holds || !standing.value.words ? "" : "The estimate does not hold here: nothing to drag by.";
+});
+effect(() => {
+  if (opened.value) locked.value = new Set();
+});
+
+/** A padlock for a half-width that the dragged limit may move. */
+export function Lock({ path, label }: { path: Path; label: string }) {
+  const name = seatOf(settled.value, path), shut = name !== null && locked.value.has(name);
+  if (name === null || !free.value.has(name)) return free.value.size > 0 ? <span class="lock" /> : null;
+  const turn = () => (locked.value = new Set(shut ? [...locked.value].filter((each) => each !== name) : [...locked.value, name]));
+  return (
+    <button type="button" class="lock" aria-pressed={shut} aria-label={`Lock ${label}`} title={shut ? "stays as it is while the limit is dragged; press to free it" : "lock it: it stays as it is while the limit is dragged"} onClick={turn}>
+      <svg viewBox="0 0 12 14" aria-hidden="true"><path d={shut ? "M3 7V4a3 3 0 0 1 6 0v3" : "M3 7V4a3 3 0 0 1 6 0"} /><rect x="1" y="7" width="10" height="6.5" rx="1" /></svg>
+    </button>
+  );
+}
+
+// --- what is asked -----------------------------------------------------------------------------------------------------
+
+/** Where the limit of a requirement stands in the design. */
+export function limitOf(data: Json, requirement: string): Path | null {
+  const all: Json[] = Array.isArray(data?.requirements) ? data.requirements : [], k = all.length === 1 ? 0 : all.findIndex((each) => each?.name === requirement);
+  const field = Object.keys(all[k] ?? {}).find((name) => name.startsWith("limit_") && name !== "limit_probability");
+  return field && typeof all[k][field] === "number" ? ["requirements", k, field] : null;
+}
+
+interface Answer {
+  found: Allocation | null;
+  problem: string; // why there is none
+}
+async function ask(data: Json, requirement: string, aim: number, stays: ReadonlySet<string>, stop?: AbortSignal): Promise<Answer> {
+  const response = await send("POST", "/v1/allocations", { design: withFree(data), requirement, limit: aim, locked: [...stays].filter((name) => free.value.has(name)) }, {}, stop).catch(() => null);
+  if (response?.ok) return { found: await response.json(), problem: "" };
+  const { title, errors: [{ detail, hint }] } = response ? await readRefusal(response) : unreachable();
+  return { found: null, problem: response ? [detail, hint].filter(Boolean).join("; ") : `${title}: nothing was changed.` };
+}
+
+interface Drag {
+  of: Handle;
+  base: Json; // the design at the grab
+  requirement: string;
+  limit: Path | null;
+  share: number; // of a limit, that is aimed at
+  end: number; // of the scale
+  step: number; // to which what the hand says is rounded
+  least: number; // that can be reached, 0 where it is not known yet
+  at: number; // where the hand is, in the unit of the requirement
+  heard: number; // of which place of the hand the half-widths on the page are
+  done: { what: string; within: number } | null; // it was let go
+}
+const drag = signal<Drag | null>(null);
+
+/** The check that the handles are of, by estimate: of what is dragged, else of what decides among what has a size. */
+const judged = computed(() => {
+  const first = answering(known.value), of = drag.value?.requirement, sized = (known.value.estimate?.record.verdict.checks ?? []).filter(({ unit, requirement }) => unit !== "of 1" && (of === undefined || requirement === of));
+  return of === undefined && first && sized.includes(first) ? first : decisive(sized);
+});
+/** What is aimed at so that the estimate passes with what it may be off by, as far as that can be reached. */
+const passing = ({ value, interval: [, high] }: Check) => (high !== null && value > 0 ? value / high : 1);
+const aimFor = (limit: number, share: number, least: number) => Math.min(limit, Math.max(limit * share * (1 - FLOOR), least * (1 + FLOOR)));
+/** What a hand can mean: of a limit of 1 to 10, hundredths. */
+const stepFor = ({ limit }: Check) => 10 ** (Math.floor(Math.log10(limit)) - 2);
+const round = (value: number, step: number, way = Math.round) => Number((Math.max(1, way(value / step)) * step).toPrecision(12));
+
+/** At rest: the least cost of keeping the limit, and how low it can be, before anybody pulls. */
+const rest = signal<(Answer & { design: Json; stays: ReadonlySet<string> }) | null>(null);
+const rested = computed(() => (rest.value && rest.value.design === settled.value && rest.value.stays === locked.value ? rest.value : null));
+effect(() => {
+  const data = design.value, check = judged.value, stays = locked.value;
+  if (!check || !current.value || refused.value || gesture.value.length || barred.value || !standing.value.holds || rested.value) return;
+  const stop = new AbortController(), timer = window.setTimeout(async () => {
+    const first = await ask(data, check.requirement, check.limit * passing(check), stays, stop.signal);
+    const again = first.found?.status === "out of reach" && first.found.least < check.limit ? await ask(data, check.requirement, aimFor(check.limit, passing(check), first.found.least), stays, stop.signal) : first;
+    if (!stop.signal.aborted) rest.value = { ...again, design: data, stays };
+  }, QUIET);
+  return () => {
+    window.clearTimeout(timer);
+    stop.abort();
+  };
+});
+
+// --- the drag ----------------------------------------------------------------------------------------------------------
+
+const moved = signal<Answer & { design: Json }>({ found: null, problem: "", design: null }); // of the last drag; the design that it led to
+let flying = false, from: number | null = null; // px, where a pointer went down
+
+const scaleFor = ({ value, limit }: Check) => 1.35 * Math.max(value, limit);
+const lowest = (least: number, step: number) => (least > 0 ? round(least * (1 + 2 * FLOOR), step / 10, Math.ceil) : 0);
+
+function grab(of: Handle): boolean {
+  const check = judged.value;
+  if (!check || barred.value || !standing.value.holds || refused.value || (gesture.value.length && !drag.value)) return false;
+  if (drag.value && drag.value.base === settled.value && !drag.value.done) return true;
+  const limit = limitOf(settled.value, check.requirement);
+  if (of === "limit" && !limit) return false;
+  drag.value = { of, base: settled.value, requirement: check.requirement, limit, share: passing(check), end: scaleFor(check), step: stepFor(check), least: rested.value?.found?.least ?? 0, at: check[of], heard: NaN, done: null };
+  return true;
+}
+
+/** ``exactly``: it was typed, or is where an edge is. */
+function pull(at: number, exactly = false): void {
+  const now = drag.value;
+  if (!now) return;
+  drag.value = { ...now, at: Math.max(exactly ? at : round(at, now.step), lowest(now.least, now.step)) };
+  void follow();
+}
+
+function release(what: string, within = 0): void {
+  if (!drag.value) return;
+  drag.value = { ...drag.value, done: { what, within } };
+  void follow();
+}
+
+function drop(problem = ""): void {
+  drag.value = from = null;
+  if (problem) moved.value = { found: null, problem, design: settled.value };
+  cancelGesture();
+}
+
+const asks = ({ of, at, share, least }: Drag) => (of === "limit" ? aimFor(at, share, least) : at);
+
+async function follow(): Promise<void> {
+  if (flying) return;
+  flying = true;
+  try {
+    for (let now = drag.value; now && now.at !== now.heard; now = drag.value) {
+      if (now.base !== settled.value) return drop();
+      const { found, problem } = await ask(now.base, now.requirement, asks(now), locked.value), latest = drag.value;
+      if (!latest || latest.base !== now.base) continue; // let go of meanwhile, or another drag
+      if (settled.value !== now.base) return drop();
+      if (!found) return drop(problem);
+      const known = latest.least > 0, least = found.least;
+      if (found.status === "out of reach") {
+        if (known || least <= asks(now)) return drop(wall(found));
+        drag.value = { ...latest, least };
+        pull(latest.at, true); // to the least that there is
+        continue;
+      }
+      drag.value = { ...latest, least, heard: now.at };
+      moved.value = { found, problem: "", design: null };
+      preview(editsOf(now, found));
+    }
+  } finally {
+    flying = false;
+  }
+  const last = drag.value;
+  if (!last?.done) return;
+  const edits = gesture.value;
+  drag.value = null;
+  if (edits.length) edit([...edits], last.done.what, last.done.within);
+  moved.value = { ...moved.value, design: settled.value };
+}
+
+/** The new half-widths, and the limit where that is what was moved. */
+const editsOf = ({ of, at, base, limit }: Drag, { tolerances }: Allocation): Edit[] => [
+  ...(of === "limit" ? [{ path: limit!, value: at }] : []),
+  ...tolerances.flatMap(({ contributor: name, component, unit, before_half_width: width, after_half_width: value }) => {
+    const path = placeOf(base, { name, component, unit, half_width: width });
+    return path ? [{ path, value: Number(value.toPrecision(6)) }] : [];
+  }),
+];
+
+const holder = ({ held_by: by, held_label: label, held_share: share }: Allocation) => `${label || by.replace(/_/g, " ")} has ${(100 * share).toFixed(0)} % of what is left`;
+const wall = (found: Allocation) => `Out of reach at this layout: ${found.binding.join("; ") || found.requirement} is not kept with every free half-width at its least; ${holder(found)}.`;
+
+/** What the last answer says. */
+function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {
+  if (!found) return problem;
+  if (found.status === "out of reach") return wall(found);
+  const least = `not below ${mm(found.least, d + 1)} ${found.unit}, as ${holder(found)}`;
+  const cost = `Cost ${found.cost_before === null ? "" : `${brief(found.cost_before)} → `}${brief(found.cost_after)}`;
+  return told ? `${cost}${found.moved_most ? `; ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
+}
+
+// --- the handles -------------------------------------------------------------------------------------------------------
+
+/** A scale with what the design comes to and its limit, both to drag; and the limit to type. */
+export function Limit() {
+  const rail = useRef<HTMLDivElement>(null), field = useRef<HTMLInputElement>(null), check = judged.value, now = drag.value;
+  if (!check) return null;
+  const { unit, requirement } = check, d = estimated.value!.digits, end = now?.end ?? scaleFor(check), holds = standing.value.holds && !barred.value && !refused.value, path = limitOf(settled.value, requirement);
+  const least = now ? now.least : rested.value?.found?.least ?? 0, place = (value: number) => `${(100 * Math.min(1, value / end)).toFixed(2)}%`;
+  const waits = now !== null && (now.at !== now.heard || now.done !== null);
+  const told = now ? moved.value : moved.value.design === settled.value ? moved.value : null, offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
+  const where = { limit: now?.of === "limit" ? now.at : check.limit, value: now?.of === "value" ? now.at : check.value };
+  const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at} ${unit}, cheapest half-widths`, keys ? PRESSES : 0);
+  const keep = (text: string) => {
+    const typed = readNumber(text, unit);
+    field.current!.setCustomValidity(typed !== null && typed > 0 ? "" : `a limit is a number above 0, in ${unit}`);
+    if (!field.current!.reportValidity() || !grab(path ? "limit" : "value")) return;
+    pull(typed!, true);
+    release(`Keep ${requirement} within ${typed} ${unit} by the cheapest half-widths`);
+  };
+  const handle = (of: Handle, words: string) => {
+    const value = where[of], usable = holds && (of === "value" || path !== null);
+    return (
+      <span class={`handle ${of}`} role="slider" tabIndex={usable ? 0 : -1} aria-disabled={!usable} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)} ${unit}`}
+        style={{ left: place(value) }} title={`${words}: drag it, or press an arrow key; the cheapest half-widths follow`}
+        onPointerDown={(event) => {
+          if (!usable || event.button !== 0) return;
+          event.currentTarget.setPointerCapture(event.pointerId);
+          from = event.clientX;
+        }}
+        onPointerMove={(event) => {
+          if (!event.currentTarget.hasPointerCapture(event.pointerId) || from === null) return;
+          if (!now && (Math.abs(event.clientX - from) < 3 || !grab(of))) return;
+          const { left, width } = rail.current!.getBoundingClientRect(), at = Math.min(Math.max(event.clientX - left, 1) / width, 1) * drag.value!.end, goal = of === "value" ? aimFor(check.limit, drag.value!.share, drag.value!.least) : NaN;
+          const onEdge = Math.abs(at - goal) * width < SNAP * drag.value!.end;
+          pull(onEdge ? goal : at, onEdge);
+        }}
+        onPointerUp={() => { from = null; finish(of); }}
+        onPointerCancel={() => { from = null; drop(); }}
+        onKeyDown={(event) => {
+          if (event.key === "Escape") return drop();
+          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key], end_ = { Home: least || value / 100, End: 1.35 * value }[event.key];
+          if (!usable || (!way && end_ === undefined)) return;
+          event.preventDefault();
+          const begun = drag.value?.at ?? value, step = stepFor(check) * (event.altKey ? 0.1 : event.shiftKey ? 10 : 1);
+          if (!grab(of)) return;
+          pull(end_ ?? round(begun + way! * step, step), true);
+          finish(of, true);
+        }} />
+    );
+  };
+  const words = barred.value ? barred.value : told ? wordsOf(told, d, true) : rested.value ? wordsOf(rested.value, d, false) : "";
+  return (
+    <div class={`rail ${holds ? "" : "outdated"}`} role="group" aria-label="Drag the limit" data-kind="estimate" data-waits={String(waits)}>
+      <div class="ruler" ref={rail}>
+        <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={`not below ${mm(least, d + 1)} ${unit} at this layout`} />}
+        {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
+      </div>
+      <form class="controls" onSubmit={(event) => { event.preventDefault(); keep(field.current!.value); }}>
+        <label><Term word="limit" quiet>Keep</Term> <input key={`${requirement} ${check.limit}`} ref={field} type="text" inputMode="decimal" size={5} defaultValue={stated(check.limit, d)} aria-label={`Keep ${requirement} within, ${unit}`} onInput={(event) => event.currentTarget.setCustomValidity("")} /> {unit}</label>
+        <button type="submit" disabled={!holds || now !== null} title="the cheapest half-widths that keep it at this layout; locked ones stay">{`at least cost${offer ? `: ${offer.cost_before === null ? "" : `${brief(offer.cost_before)} → `}${brief(offer.cost_after)}` : ""}`}</button>
+      </form>
+      <p class={`note ${waits || late.value ? "old" : ""} ${told?.problem ? "bad" : ""}`} role="status" title={words}>{words}</p>
+    </div>
+  );
+}
+
+// Another text under the hand, or a service that is away, ends a drag: what it showed is of nothing that is there
+effect(() => {
+  const now = drag.value;
+  if (now && settled.value !== now.base) untracked(() => drop());
+});
