@@ -36,7 +36,7 @@ from tailstack.optimisation import PlacementProblem, tightening
 from tailstack.optimisation.contradictions import refuse_contradictions
 from tailstack.optimisation.prices import PricedGrade, of_grades
 from tailstack.optimisation.problem import Choice, FreeFiducial, PivotVariable, present_choice
-from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, mirror, turns
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, Solid, mirror, turns
 from tailstack.results import Optimisation
 from tailstack.system import DirectEffect, Law, System
 from tailstack.verification import verify
@@ -66,7 +66,7 @@ def _in(shape: Shape, pointer: str = "/optimise/region", group: int = 1, count: 
     return {"places": tuple(FreeFiducial(tuple(range(k, k + group)), shape, pointer) for k in range(0, count, group))}
 
 
-def _kept_out(zone: Shape, clearance_mm: float = 0.0) -> dict[str, Any]:
+def _kept_out(zone: Solid, clearance_mm: float = 0.0) -> dict[str, Any]:
     return {"keep_out": (KeepOut("clamp", zone, clearance_mm, "/optimise/keep_out/0"),)}
 
 

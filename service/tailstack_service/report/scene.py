@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from tailstack.design import Design, compile_design
-from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
+from tailstack.design.frames import mesh_of
+from tailstack.design.optimise_document import (
+    SearchBox,
+    SearchCylinder,
+    SearchRegion,
+    SearchSurface,
+    Sector,
+    Shaped,
+)
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
 from tailstack.montecarlo.chain import run_indices
@@ -170,8 +178,11 @@ def ball_lines(centre: Array, radius_mm: float) -> Lines:
 
 
 def region_lines(region: Shaped) -> Lines:
-    """A search region or a keep-out zone of the design document; a tube or shell has its inner surface too."""
-    shape = region.shape
+    """A search region or a keep-out zone of the design document; a tube or shell has its inner surface too; of what is
+    near a surface, cuts through that."""
+    if isinstance(region, SearchRegion) and region.surface is not None:
+        return surface_lines(region.surface)
+    shape = region.solid
     if isinstance(shape, SearchBox):
         return box_lines(np.array(shape.min_mm), np.array(shape.max_mm))
     radii = [radius for radius in (shape.radius_mm, shape.inner_radius_mm) if radius > 0]
@@ -179,8 +190,38 @@ def region_lines(region: Shaped) -> Lines:
         radii = radii[:1]
     if isinstance(shape, SearchCylinder):
         base, axis = np.array(shape.base_mm), np.array(shape.axis)
+        if shape.sector is not None:
+            return sector_lines(shape, shape.sector)
         return [line for radius in radii for line in cylinder_lines(base, axis, shape.height_mm, radius)]
     return [line for radius in radii for line in ball_lines(np.array(shape.centre_mm), radius)]
+
+
+def sector_lines(shape: SearchCylinder, sector: Sector) -> Lines:
+    """Both ends, and the upright edges."""
+    axis = unit(np.array(shape.axis, dtype=float))
+    towards = np.array(sector.towards, dtype=float)
+    towards = unit(towards - axis * (axis @ towards))
+    angles = np.radians(np.linspace(-0.5, 0.5, CIRCLE // 2) * sector.width_deg)[:, None]
+    arc = np.cos(angles) * towards + np.sin(angles) * np.cross(axis, towards)
+    rim = np.array(shape.base_mm) + np.vstack([shape.radius_mm * arc, shape.inner_radius_mm * arc[::-1]])
+    rim = np.vstack([rim, rim[:1]])
+    along = shape.height_mm * axis
+    last = CIRCLE // 2
+    return [rim, rim + along, *(np.array([rim[k], rim[k] + along]) for k in (0, last - 1, last, 2 * last - 1))]
+
+
+SLICES, MOST_POINTS = 6, 120  # of a surface, and of one line
+
+
+def surface_lines(surface: SearchSurface) -> Lines:
+    """Cuts across the longest side of the box about it."""
+    mesh = mesh_of(surface)
+    low, high = mesh.corners_mm.min(axis=0), mesh.corners_mm.max(axis=0)
+    axis = int((high - low).argmax())
+    heights = np.linspace(low[axis], high[axis], SLICES + 2)
+    heights[[0, -1]] += 1e-3 * (high[axis] - low[axis]) * np.array([1, -1])
+    lines = [line for height in heights for line in mesh.slice(axis, float(height))]
+    return [line[np.unique(np.linspace(0, len(line) - 1, MOST_POINTS).astype(int))] for line in lines]
 
 
 def semi_axes(covariance_mm2: Array) -> Array:

@@ -50,9 +50,10 @@ from .document import (
     RequirementDocument,
 )
 from .fiducial_files import list_notes
-from .frames import compile_transform
+from .frames import compile_transform, read_surface_of
 from .loading import Design
 from .meanings import WrittenPoints, explain_places
+from .optimise_document import surfaces_in
 from .plausibility import explain_refusal, find_implausible
 from .refusals import place
 
@@ -75,6 +76,8 @@ def _compile(design: Design) -> System:
     notes = [*design.fiducials.notes]
     for origin in document.target_origins or ():
         notes += list_notes(origin)
+    for surface in surfaces_in(document.optimise).values():
+        notes += read_surface_of(surface).remarks
     views = tuple(compile_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
     made = document.fiducials.manufacturing
     transforms = document.transforms

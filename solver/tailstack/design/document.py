@@ -28,7 +28,6 @@ from ..fields import (
     COVERAGE_WORDS,
     KEEP_ONE,
     LAW_WORDS,
-    Angles,
     AnyLaw,
     CoverageFactor,
     Direction,
@@ -41,12 +40,10 @@ from ..fields import (
     ImageSize,
     Length,
     Matrix34,
-    Matrix44,
     Name,
     PixelPitch,
     Pixels,
     Point,
-    Quaternion,
     RandomLaw,
     Record,
     Rotation3,
@@ -92,6 +89,7 @@ from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_qu
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
 from .optimise_document import Optimise
+from .pose import Transform
 from .presets import PRESETS
 from .review import Review
 
@@ -310,48 +308,6 @@ class Intrinsics(Record):
                 "out-of-range", f"focal lengths must be at least 1 px; got {list(self.focal_px)}", at="focal_px"
             )
         return self
-
-
-class Pose(Record):
-    """A rigid transform as one rotation, in one of three forms, and a translation."""
-
-    rotation_deg: Angles | None = Field(
-        default=None,
-        description="[rx, ry, rz] in degrees, composed as R = Rx(rx) Ry(ry) Rz(rz).",
-        examples=[[0.0, 0.0, 90.0]],
-    )
-    rotation: Rotation3 | None = Field(
-        default=None, description="Rotation matrix, row by row.", examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]]
-    )
-    quaternion_wxyz: Quaternion | None = Field(
-        default=None, description="Unit quaternion, scalar first.", examples=[[1.0, 0.0, 0.0, 0.0]]
-    )
-    translation_mm: Point = Field(
-        default=(0.0, 0.0, 0.0), description="Added after the rotation, mm.", examples=[[0.0, 0.0, 120.0]]
-    )
-
-    @model_validator(mode="after")
-    def _one_rotation(self) -> Pose:
-        given = [n for n in ("rotation_deg", "rotation", "quaternion_wxyz") if getattr(self, n) is not None]
-        if len(given) > 1:
-            raise refusal("one-of", f"give one rotation; {' and '.join(given)} arrived", KEEP_ONE, given[1])
-        return self
-
-
-def _pose_kind(value: Any) -> str | None:
-    if isinstance(value, list | tuple):
-        return "<matrix>"
-    return "<pose>" if isinstance(value, dict | Pose) else None
-
-
-Transform = Annotated[
-    Annotated[Matrix44, Tag("<matrix>")] | Annotated[Pose, Tag("<pose>")],
-    Discriminator(
-        _pose_kind,
-        custom_error_type="wrong-type",
-        custom_error_message="a transform is a 4x4 matrix or a mapping with a rotation and translation_mm",
-    ),
-]
 
 
 class PinholeView(_View):

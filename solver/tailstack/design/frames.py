@@ -1,4 +1,4 @@
-"""Transforms of the document -> 4x4 matrices, degrees to radians; and points of a file -> con.
+"""Transforms of the document -> 4x4 matrices, degrees to radians; and points and surfaces of files -> con.
 
 Points are carried by a transform that the document states, or by the one that brings some of them, by name, nearest to
 where CAD has them: the least squares of Kabsch (1976), by a singular value decomposition.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
+from ..geometry.mesh import Mesh
 from ..geometry.rotation import (
     rigid_transform,
     rigidity_defect,
@@ -21,9 +23,13 @@ from ..geometry.rotation import (
     rotation_xyz,
     transform_points,
 )
+from ..units import LENGTHS_MM
 from .consistency import check_entries
-from .document import Fiducials, NamedPoint, Pose, TargetDocument, TargetFile
+from .document import Fiducials, NamedPoint, TargetDocument, TargetFile
 from .fiducial_files import FiducialList
+from .optimise_document import SearchSurface
+from .pose import Pose
+from .surface_files import Surface, read_packed
 
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
 FRAME_FIELDS = ("T_con_file", "registered_to")  # of what is read from a file
@@ -110,6 +116,19 @@ def targets_of(section: TargetFile, pointer: str, read: FiducialList) -> list[Ta
         TargetDocument(name=section.line, position_mm=last, entry=entry),
         TargetDocument(name=entry, position_mm=first),
     ]
+
+
+def read_surface_of(surface: SearchSurface) -> Surface:
+    """What its file holds, as that stands there.  Raises DesignError, LimitError."""
+    return read_packed(surface.content or "", surface.file or "the surface")
+
+
+@lru_cache(maxsize=4)
+def mesh_of(surface: SearchSurface) -> Mesh:
+    """The triangles of a surface that was read, con, mm."""
+    read = read_surface_of(surface).mesh
+    in_mm = read.corners_mm * LENGTHS_MM[surface.unit]
+    return replace(read, corners_mm=frozen(transform_points(compile_transform(surface.T_con_file, "", []), in_mm)))
 
 
 def fit_motion(points: Array, onto: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -16,10 +16,11 @@ from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument, TargetFile
+from .document import SCHEMA_NAME, DesignDocument
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
-from .frames import FRAME_FIELDS, FileMotion, carry, motion_of, targets_of
-from .pointers import find_places, pointer_of, replace_value, suggest
+from .frames import FRAME_FIELDS, FileMotion, carry, compile_transform, motion_of, read_surface_of, targets_of
+from .optimise_document import SearchSurface, put_surface, surfaces_in
+from .pointers import find_places, pointer_of, replace_value, suggest, value_at
 from .reading import (
     DEFAULT_LIMITS,
     DocumentSource,
@@ -38,13 +39,7 @@ from .reading import (
 )
 from .refusals import place, refuse
 from .refusals import pointer as write_pointer
-
-
-class TargetsOfFiles(NamedTuple):
-    """What a design says of targets that stand in files: they follow those that it states."""
-
-    stated: int  # so many before them
-    files: tuple[TargetFile, ...]
+from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +49,7 @@ class Design:
     document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
     fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
     source: DocumentSource  # the plain data, which cannot be changed, and where it came from
-    of_files: TargetsOfFiles | None = None  # of the targets, what stands in files
+    as_written: DesignDocument  # with files of targets and surfaces as its author named them, not what they hold
     sha256: str = field(init=False)  # of the canonical content: defaults filled in, a file replaced by what it holds
 
     def __post_init__(self) -> None:
@@ -63,17 +58,10 @@ class Design:
     @property
     def files(self) -> list[str]:
         """The files that it refers to, as it names them."""
-        own = self.document.fiducials.file
-        return [*([own] if own else ()), *(each.file for each in (self.of_files.files if self.of_files else ()))]
-
-    @property
-    def as_written(self) -> DesignDocument:
-        """The document with files of targets as its author named them, not what they hold."""
-        if self.of_files is None:
-            return self.document
-        stated = self.document.targets[: self.of_files.stated]
-        files = list(self.of_files.files)
-        return self.document.model_copy(update={"targets": stated, "target_files": files, "target_origins": None})
+        written = self.as_written
+        surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
+        named = [written.fiducials.file, *(each.file for each in written.target_files or ()), *surfaces]
+        return [name for name in dict.fromkeys(named) if name]
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
@@ -183,14 +171,18 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
         document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
-    reader, of_files = _FileReader(source, allow_files, limits), None
+    reader, written = _FileReader(source, allow_files, limits), document
     if document.target_files is not None:  # what they hold is judged with the rest of the document
-        document, of_files = reader.with_targets_of_files(document)
+        document = reader.with_targets_of_files(document)
+    for pointer, surface in surfaces_in(document.optimise).items():
+        section = put_surface(document.optimise, pointer, reader.with_content(surface, pointer))
+        document = document.model_copy(update={"optimise": section})
     _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
     fiducials, _ = reader.fiducials(document)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
-    _freeze_lists(document)
-    return Design(document, fiducials, replace(source, data=freeze(data)), of_files)
+    for each in (document, written):
+        _freeze_lists(each)
+    return Design(document, fiducials, replace(source, data=freeze(data)), written)
 
 
 def _check_schema_name(source: DocumentSource) -> None:
@@ -249,16 +241,18 @@ class _FileReader:
 
     def read(self, name: str, pointer: str) -> FiducialList:
         """The points of a file, as they stand there.  Raises DesignError, LimitError."""
-        try:
-            path = _find_file(name, self.source, self.allow_files)
-            check_ending(name)
-            if not path.exists():
-                raise DesignError(_describe_missing(name, path, self.source))
+        with self._placing(pointer):
+            path = self.find(name, ENDINGS, "put the points inline (points:, targets:)")
             return read_fiducials(read_bytes(path, self.limits.fiducial_file_bytes, name), name, self.limits)
-        except (DesignError, LimitError) as error:
-            # the pointer says which field led there, file and line where in the file it is wrong
-            problems = [place(replace(problem, pointer=pointer), self.source) for problem in error.problems]
-            raise type(error)(problems) from None
+
+    def find(self, name: str, endings: tuple[str, ...], inline: str) -> Path:
+        """A file that is there; ``inline``: what to do where none can be."""
+        path = _find_file(name, self.source, self.allow_files, inline)
+        if endings == ENDINGS:
+            check_ending(name)
+        if not path.exists():
+            raise DesignError(_describe_missing(name, path, self.source, endings))
+        return path
 
     def fiducials(self, document: DesignDocument) -> tuple[FiducialList, FileMotion | None]:
         """In con, and how those of a file were carried there."""
@@ -271,8 +265,8 @@ class _FileReader:
             motion = motion_of(stated, "/fiducials", read)
         return carry(read, motion), motion
 
-    def with_targets_of_files(self, document: DesignDocument) -> tuple[DesignDocument, TargetsOfFiles]:
-        """The document with targets in place of files of them, and what is to be known of these."""
+    def with_targets_of_files(self, document: DesignDocument) -> DesignDocument:
+        """The document with targets in place of files of them."""
         _, shared = self.fiducials(document)
         targets, origins = list(document.targets), []
         for index, each in enumerate(document.target_files or ()):
@@ -282,42 +276,59 @@ class _FileReader:
                 read = carry(read, shared if each.as_fiducials else motion_of(each, pointer, read))
                 targets += targets_of(each, pointer, read)
             origins.append(read.origin)
-        of_files = TargetsOfFiles(len(document.targets), tuple(document.target_files or ()))
-        holding = {"targets": targets, "target_files": None, "target_origins": origins}
-        return document.model_copy(update=holding), of_files
+        return document.model_copy(update={"targets": targets, "target_files": None, "target_origins": origins})
+
+    def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
+        """A surface with what its file holds, which can be read, and has the side that is asked for."""
+        name = surface.file or "the surface"
+        with self._placing(f"{pointer}/file" if surface.content is None else f"{pointer}/content"):
+            if surface.content is None:
+                path = self.find(name, (ENDING,), "put its bytes, in base64, into content")
+                content = pack(read_bytes(path, MOST_BYTES, name), name)
+                surface = surface.model_copy(update={"content": content})
+            read = read_surface_of(surface)
+        with self._placing():
+            compile_transform(surface.T_con_file, f"{pointer}/T_con_file", [])
+        if surface.side != "both" and read.not_closed:
+            detail = f"{name} is not closed, and has no {surface.side}: {read.not_closed}"
+            raise DesignError(
+                place(Problem(f"{pointer}/side", "not-closed", detail, REPAIR), self.source.with_places())
+            )
+        return surface
 
     @contextmanager
-    def _placing(self) -> Iterator[None]:
+    def _placing(self, pointer: str | None = None) -> Iterator[None]:
+        """Refusals with their place; with the pointer to the field that led to a file, which keeps its own line."""
         try:
             yield
-        except DesignError as error:
+        except (DesignError, LimitError) as error:
             placed = self.source.with_places()
-            raise DesignError([place(problem, placed) for problem in error.problems]) from None
+            problems = [each if pointer is None else replace(each, pointer=pointer) for each in error.problems]
+            raise type(error)([place(problem, placed) for problem in problems]) from None
 
 
-def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
-    """A fiducial file that is not there: the folder that was searched, and what may have been meant."""
+def _describe_missing(name: str, path: Path, source: DocumentSource, endings: tuple[str, ...]) -> Problem:
+    """A file that is not there: the folder that was searched, and what may have been meant."""
     assert source.directory is not None
     folder = str(source.directory / Path(name).parent)
     folder = "the folder of the design" if folder == "." else folder
-    hint = name_neighbours(path, name, ENDINGS) or "a fiducial file stands beside the design, or in a folder below it"
+    hint = name_neighbours(path, name, endings) or "it stands beside the design, or in a folder below it"
     return Problem("", "file-not-found", f"no such file: {name}; looked in {folder}", hint)
 
 
-def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
+def _find_file(name: str, source: DocumentSource, allow_files: bool, inline: str) -> Path:
     """The file a design refers to: relative, and below the design's own directory."""
 
     def refuse_file(detail: str, cure: str = "") -> DesignError:
         return DesignError(Problem("", "file-refused", detail, cure))
 
-    inline = "put the points inline (points:, targets:)"
     if not allow_files:
         raise refuse_file(f"files are not read here; got {show(name)}", inline)
     if source.directory is None:
         detail = "the document did not come from a file: there is no directory to look in"
         raise refuse_file(detail, f"{inline}, or load the design from its file")
     if "\0" in name or "\\" in name or Path(name).is_absolute() or ":" in name[:2]:
-        raise refuse_file(f"a fiducial file is named by a relative path with /; got {show(name)}")
+        raise refuse_file(f"a file is named by a relative path with /; got {show(name)}")
     try:
         base = source.directory.resolve()
         path = (base / name).resolve()
@@ -330,12 +341,18 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
 
 # the points are hashed apart, in con, wherever they were read
 _ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True, "review": True}
+_OF_SURFACE = ("file", "content")  # likewise, by what the file holds
 
 
 def sha256_of(document: DesignDocument, fiducials: FiducialList) -> str:
     """The hash of a design, 64 hexadecimal digits: of its canonical text and its fiducials, wherever they were read."""
     content = document.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=_ELSEWHERE)
-    points = [fiducials.labels, fiducials.positions_mm]
+    points: list[Any] = [fiducials.labels, fiducials.positions_mm]
+    for pointer, surface in surfaces_in(document.optimise).items():
+        stated = value_at(content, find_places(content, pointer)[0])
+        for name in _OF_SURFACE:
+            stated.pop(name, None)
+        points.append(digest(surface.content or ""))
     # with spaces, unlike everything else: the hashes of designs that are in the field were made so
     spaced = json.dumps(points, ensure_ascii=False, allow_nan=False)  # noqa: TID251
     return hashlib.sha256(f"{write_json(content)}\n{spaced}".encode()).hexdigest()

@@ -31,10 +31,10 @@ from .document import (
     DistanceView,
     MatrixView,
     PinholeView,
-    Pose,
     PresetView,
 )
 from .frames import compile_transform
+from .pose import Pose
 from .presets import PRESETS
 
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}

@@ -6,8 +6,9 @@ Where fiducials may go, may not go and how they repeat is said by shapes in con,
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from ..fields import (
@@ -39,10 +40,12 @@ from ..ranges import (
     Meant,
 )
 from ..system import ROTATIONS
+from .pose import Transform
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
 FREE_DEG = replace(SEAT_DEG, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")
 FREE_MM = replace(SEAT_MM, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")
+WIDTH_DEG = AnySize("a sector of any width below a full turn is one", "deg")
 REACH_MM = Meant(
     "source to isocentre, where it is free",
     "mm",
@@ -364,6 +367,8 @@ class Front(Record):
 
 
 _REGIONS = ("box", "region", "regions")
+THIN_MM = 0.3  # a spline of the squared distance has no room for less
+ALONG = 1e-6  # of the sine of an angle: along an axis
 
 
 class Optimise(Record):
@@ -389,7 +394,9 @@ class Optimise(Record):
     box: SearchBox | None = Field(
         default=None, description="Where the fiducials may go, as a box. Short for region: { box }."
     )
-    region: Shaped | None = Field(default=None, description="Where the fiducials may go: box, cylinder or ball.")
+    region: SearchRegion | None = Field(
+        default=None, description="Where the fiducials may go: box, cylinder, ball or near a surface."
+    )
     regions: Annotated[list[FiducialRegion], Field(min_length=1)] | None = Field(
         default=None, description="A region for each group of fiducials; those in no group stay."
     )
@@ -568,8 +575,20 @@ class SearchBox(Record):
         return self
 
 
+class Sector(Record):
+    """The part of a cylinder or tube within an angle about its axis."""
+
+    towards: Direction = Field(
+        description="Where its middle looks from the axis, con; any length, what it has along the axis is left out.",
+        examples=[[1.0, 0.0, 0.0]],
+    )
+    width_deg: Annotated[float, Field(gt=0, lt=360), WIDTH_DEG] = Field(
+        description="Its whole angle about the axis, deg; above 180 for a tube alone.", examples=[120.0]
+    )
+
+
 class SearchCylinder(Record):
-    """Cylinder in con, or the tube between two radii."""
+    """Cylinder in con, or the tube between two radii, or a sector of either."""
 
     base_mm: Annotated[Point, TARGET_MM] = Field(
         description="Centre of the base, con, mm.", examples=[[0.0, 0.0, -90.0]]
@@ -586,13 +605,25 @@ class SearchCylinder(Record):
         description="Inner radius of a tube, mm; equal to radius_mm: on the surface. Default 0.",
         examples=[40.0],
     )
+    sector: Sector | None = Field(default=None, description="The part within an angle. Default all round.")
 
     @model_validator(mode="after")
     def _shape(self) -> SearchCylinder:
         _check_radii(self.inner_radius_mm, self.radius_mm)
         if max(map(abs, self.axis)) < 1e-9:
             raise refusal("zero-direction", "an axis needs a direction; [0, 0, 0] arrived", at="axis")
+        if self.sector is not None:
+            self._check_sector(self.sector)
         return self
+
+    def _check_sector(self, sector: Sector) -> None:
+        across = float(np.linalg.norm(np.cross(self.axis, sector.towards)))
+        if across < ALONG * float(np.linalg.norm(self.axis) * np.linalg.norm(sector.towards)) + 1e-300:
+            detail = f"the middle of a sector looks away from the axis; {list(sector.towards)} lies along it"
+            raise refusal("zero-direction", detail, "name a direction across the axis", "sector/towards")
+        if sector.width_deg > 180 and self.inner_radius_mm == 0:
+            detail = f"a sector of {sector.width_deg:g} deg has a corner at the axis that points into it"
+            raise refusal("unsupported", detail, "give inner_radius_mm, or 180 deg at most", "sector/width_deg")
 
 
 class SearchBall(Record):
@@ -618,35 +649,100 @@ def _check_radii(inner: float, outer: float) -> None:
         raise refusal("empty-region", message, "make inner_radius_mm the smaller one", at="inner_radius_mm")
 
 
+class SearchSurface(Record):
+    """What is near a surface of triangles, an STL file."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(
+        default=None,
+        description="STL file beside the design (relative path), binary or text, at most 20,000 triangles; with "
+        "content, what that was called.",
+        examples=["forearm.stl"],
+    )
+    content: Annotated[str, Field(min_length=1, max_length=1_000_000)] | None = Field(
+        default=None,
+        description="The bytes of that file, or of it after gzip, in base64, where no file can be read: in a request. "
+        "Default: it is read.",
+    )
+    unit: Literal["um", "mm", "cm", "m", "in"] = Field(
+        default="mm", description="What its numbers are in; STL does not say. Default mm.", examples=["mm"]
+    )
+    T_con_file: Transform | None = Field(
+        default=None, description="Maps its coordinates (mm) to con. Default identity."
+    )
+    distance_mm: Annotated[float, Field(ge=0.1, le=1e4), SPACING_MM] = Field(
+        description="No centre of a fiducial is further from the surface, mm.", examples=[3.0]
+    )
+    at_least_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(
+        default=0.0,
+        description="None is nearer to it, mm; equal to distance_mm: at that distance. Default 0.",
+        examples=[1.5],
+    )
+    side: Literal["both", "inside", "outside"] = Field(
+        default="both",
+        description="On which side: inside and outside need a closed surface. Default both.",
+        examples=["inside"],
+    )
+
+    @model_validator(mode="after")
+    def _distances(self) -> SearchSurface:
+        if self.file is None and self.content is None:
+            raise refusal("missing-field", "name the file, or give its content", "file: part.stl", "file")
+        if self.at_least_mm > self.distance_mm:
+            detail = f"the region is empty: at_least_mm {self.at_least_mm:g} is above distance_mm {self.distance_mm:g}"
+            raise refusal("empty-region", detail, "make at_least_mm the smaller one", "at_least_mm")
+        if self.side == "both" and self.distance_mm < THIN_MM:
+            detail = f"a layer on both sides is at least {THIN_MM:g} mm thick each way; {self.distance_mm:g} arrived"
+            raise refusal("out-of-range", detail, f"name a side, or distance_mm: {THIN_MM:g}", "distance_mm")
+        return self
+
+
+SearchShape = SearchBox | SearchCylinder | SearchBall | SearchSurface
 _SHAPES = ("box", "cylinder", "ball")
-_ONE_SHAPE: dict[str, Any] = {"oneOf": [{"required": [name]} for name in _SHAPES]}
+_AREAS = (*_SHAPES, "surface")
+
+
+def _one_of(names: tuple[str, ...]) -> ConfigDict:
+    return ConfigDict(json_schema_extra={"oneOf": [{"required": [name]} for name in names]})
 
 
 class Shaped(Record):
     """A region by exactly one shape."""
 
-    model_config = ConfigDict(json_schema_extra=_ONE_SHAPE)
+    model_config = _one_of(_SHAPES)
 
     box: SearchBox | None = Field(default=None, description="Axis-parallel box.")
     cylinder: SearchCylinder | None = Field(default=None, description="Cylinder or tube.")
     ball: SearchBall | None = Field(default=None, description="Ball or shell.")
 
     @model_validator(mode="after")
-    def _one_shape(self) -> Shaped:
-        given = [name for name in _SHAPES if getattr(self, name) is not None]
+    def _one_shape(self) -> Self:
+        names = [name for name in _AREAS if name in type(self).model_fields]
+        given = [name for name in names if getattr(self, name) is not None]
         if len(given) != 1:
             got = " and ".join(given) or "none"
-            raise refusal("one-of", f"give exactly one of box, cylinder and ball; {got} arrived")
+            raise refusal("one-of", f"give exactly one of {', '.join(names[:-1])} and {names[-1]}; {got} arrived")
         return self
 
     @property
-    def shape(self) -> SearchBox | SearchCylinder | SearchBall:
+    def solid(self) -> SearchBox | SearchCylinder | SearchBall:
         region = self.box or self.cylinder or self.ball
         assert region is not None  # the validator's work
         return region
 
 
-class FiducialRegion(Shaped):
+class SearchRegion(Shaped):
+    """Where fiducials may go."""
+
+    model_config = _one_of(_AREAS)
+
+    surface: SearchSurface | None = Field(default=None, description="Near a surface of triangles.")
+
+    @property
+    def shape(self) -> SearchShape:
+        return self.surface or self.solid
+
+
+class FiducialRegion(SearchRegion):
     """Where some fiducials may go, when they do not all share one region."""
 
     fiducials: Annotated[list[Name], Field(min_length=1)] = Field(
@@ -655,12 +751,19 @@ class FiducialRegion(Shaped):
 
 
 class KeepOutZone(Shaped):
-    """Where no moved fiducial may be."""
+    """Where no moved fiducial may be; all round, without a sector."""
 
     name: Name = Field(description="What is there: it is named when it binds.", examples=["clamp"])
     clearance_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(
         default=0.0, description="Distance fiducial centres keep from the zone, mm. Default 0.", examples=[3.0]
     )
+
+    @model_validator(mode="after")
+    def _all_round(self) -> KeepOutZone:
+        if self.cylinder is not None and self.cylinder.sector is not None:
+            detail = "a zone that is kept out is the whole cylinder"
+            raise refusal("unsupported", detail, "leave sector out", "cylinder/sector")
+        return self
 
 
 class Mirror(Record):
@@ -684,6 +787,26 @@ class Turn(Record):
     order: Annotated[int, Field(ge=2, le=24), COUNT] = Field(
         description="Copies per turn: 3 repeats the pattern every 120 degrees.", examples=[3]
     )
+
+
+def surfaces_in(section: Optimise | None) -> dict[str, SearchSurface]:
+    """The surfaces that regions of a section are near, by their pointers in the document."""
+    if section is None:
+        return {}
+    regions = {"/optimise/region": section.region}
+    regions |= {f"/optimise/regions/{index}": each for index, each in enumerate(section.regions or ())}
+    return {f"{at}/surface": each.surface for at, each in regions.items() if each is not None and each.surface}
+
+
+def put_surface(section: Optimise | None, pointer: str, surface: SearchSurface) -> Optimise:
+    """The section with another surface at a pointer of ``surfaces_in``."""
+    assert section is not None  # it has surfaces
+    regions = list(section.regions or ())
+    if not regions and section.region is not None:
+        return section.model_copy(update={"region": section.region.model_copy(update={"surface": surface})})
+    index = int(pointer.split("/")[3])
+    regions[index] = regions[index].model_copy(update={"surface": surface})
+    return section.model_copy(update={"regions": regions})
 
 
 class Symmetry(Record):

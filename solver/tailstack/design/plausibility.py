@@ -34,7 +34,6 @@ from .document import (
     DistanceView,
     Interface,
     PinholeView,
-    Pose,
     PresetView,
     Region,
     TargetDocument,
@@ -56,6 +55,7 @@ from .meanings import (
     state_foot,
     write_numbers,
 )
+from .pose import Pose
 from .presets import PRESETS
 
 BESIDE = "The range beside the field: docs/design.md lists them with their sources."

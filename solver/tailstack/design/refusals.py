@@ -13,8 +13,9 @@ from pydantic.fields import FieldInfo
 from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
-from .document import VIEW_KINDS, DesignDocument, Pose
+from .document import VIEW_KINDS, DesignDocument
 from .optimise_document import FREE_VIEW_KINDS
+from .pose import Pose
 from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 

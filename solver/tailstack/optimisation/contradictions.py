@@ -38,6 +38,7 @@ from .regions import (
     diameter_mm,
     distinct,
 )
+from .surface import NearSurface
 
 ROOM = 1e-3  # relative: above the least possible cost, for a search to have an inside
 LEAST_COST = 1e-290  # of a half-width: less loses its digits
@@ -261,7 +262,7 @@ def refuse_regions(problem: PlacementProblem) -> list[Problem]:
 
 
 def _word(region: Shape) -> str:
-    return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball"}[type(region)]
+    return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball", NearSurface: "layer"}[type(region)]
 
 
 def _behind(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:

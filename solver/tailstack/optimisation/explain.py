@@ -212,7 +212,7 @@ def relax_rules(program: Program, points: list[tuple[Point, Parameters]]) -> Rel
     nlp, rows = program.expressions, program.rows
     kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
     geometric = [k for k, row in enumerate(rows) if row.kind in kinds]
-    slack = ca.SX.sym("slack", len(kinds))
+    slack = type(nlp["x"]).sym("slack", len(kinds))
     constraints: list[Any] = []
     for k in geometric:
         given = slack[kinds.index(rows[k].kind)]

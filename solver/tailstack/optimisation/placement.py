@@ -11,7 +11,7 @@ from ..geometry.arrays import Array
 from .exact_law import Evaluation, correction_at, exact_ratios
 from .explain import explain_infeasible
 from .problem import Choice, PlacementProblem
-from .program import Parameters, Point, Program, kkt_residual, solve
+from .program import Parameters, Point, Program, kkt_residual, list_near_surfaces, solve
 from .search import (
     Iterate,
     Search,
@@ -27,6 +27,7 @@ AT_AIM = 4e-6  # relative: how near below its aim the largest exact quantile is 
 KNOWN = 3.0  # numerical errors of the exact law that a window is wide, where that is more
 SAMPLED_AT_AIM = 4e-4  # likewise for a per-unit quantile, which is sampled
 MAX_ROUNDS = 20
+AT_DISTANCE = 5e-6  # mm: how far from where it was solved for a fiducial near a surface may be, half of its inset
 NEARLY = 1.02  # of its aim: an iterate that near is brought down, one further off has not settled
 STATIONARY = 1e-6  # residual of the first-order conditions with the exact law that ends the rounds
 SAMPLED_STATIONARY = 1e-4  # likewise for a per-unit quantile: its sample knows a slope to some per cent
@@ -67,7 +68,7 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
         own = _own_aims(search, aims)
         evaluations = evaluate_demands(program, here.point)
         reached = max(item.exact_mm / item.limit / aim for item, aim in zip(evaluations, own, strict=True))
-        if rounds and _has_arrived(program, here.point, evaluations, reached):
+        if rounds and _has_arrived(program, here.point, evaluations, reached) and _keeps_surfaces(program, here):
             exact = _correct(program, here, evaluations, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
             if residual > _stationary(program) and rounds < FREE_VERTICES:
@@ -127,6 +128,14 @@ def _has_arrived(program: Program, point: Point, evaluations: list[Evaluation], 
         return False
     pressed = any(multiplier > 1e-7 for multiplier in point.row_multipliers[: len(program.terms)])
     return not pressed or reached >= 1 - window
+
+
+def _keeps_surfaces(program: Program, here: Iterate) -> bool:
+    """Whether fiducials near surfaces are at the distances that they were solved for."""
+    now = program.off_surface(program.split(here.point.x))
+    regions = (region for region, _ in list_near_surfaces(program.problem))
+    missed = zip(regions, now, here.parameters.off_surface, strict=True)
+    return all(abs(is_now - was) <= AT_DISTANCE * region.slope_mm for region, is_now, was in missed)
 
 
 def _window(program: Program, evaluations: list[Evaluation]) -> float:
@@ -208,7 +217,7 @@ def _correct(
     limits = np.log([item.limit for item in evaluations])
     if problem.objective != "quantile":
         limits = limits + np.log(aims * (1 - _window(program, evaluations) / 2))
-    return Parameters(limits, signs, corrections, program.pieces_of(choice))
+    return Parameters(limits, signs, corrections, program.pieces_of(choice), program.off_surface(choice))
 
 
 def _everywhere(search: Search, point: Point) -> Array:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations, product
 from typing import Any, Literal, NamedTuple
 
@@ -39,6 +40,7 @@ from .regions import (
     sample,
 )
 from .solver import make_solver
+from .surface import NearSurface
 from .symbols import elements, plain
 from .terms import DemandTerms, blind_half_widths, estimator_affine, image_parts_at, lay
 
@@ -100,12 +102,16 @@ class Parameters:
     signs: Array  # (T, B) ends of the bounded sources
     corrections: tuple[Correction, ...]  # T
     pieces: Array  # (Z,) which piece of the outside each (keep-out zone, fiducial) uses
+    off_surface: Array = field(
+        default_factory=partial(np.zeros, 0)
+    )  # (S,) what the spline over a surface lacks at each fiducial that is kept near one
 
     def vector(self, program: Program, question: Question) -> Array:
         corrected = [np.append(part.offset, part.slopes) for part in self.corrections]
         least = question == "least" or program.problem.objective == "quantile"
         chosen = [np.eye(count)[int(piece)] for count, piece in zip(program.piece_counts, self.pieces, strict=True)]
-        return np.concatenate([self.log_limits, self.signs.ravel(), *corrected, *chosen, [1.0 if least else 0.0]])
+        last = [1.0 if least else 0.0]
+        return np.concatenate([self.log_limits, self.signs.ravel(), *corrected, *chosen, last, self.off_surface])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,6 +200,11 @@ class Program:
             return np.zeros(0)
         return np.concatenate([clearest_piece(zone, choice.fiducials_mm[free]) for zone in self.problem.keep_out])
 
+    def off_surface(self, choice: Choice) -> Array:
+        """(S,) of the fiducials near a surface, what the spline lacks to the distance from the triangles."""
+        each = [(region, choice.fiducials_mm[[i]]) for region, i in list_near_surfaces(self.problem)]
+        return np.array([float(region.exact_level(at)[0]) - float(region.level(at[0])) for region, at in each])
+
 
 def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int = 1) -> Program:
     """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
@@ -232,16 +243,19 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
         ca.jacobian(constraints[len(terms) :], variables),
     )
     jacobian = ca.Function("nlp_jac_g", [variables, parameters], [constraints, slopes], ["x", "p"], ["g", "jac_g_x"])
-    curvature = None
+    curvature = hessian = None
     if len(movable) <= EXACT_HESSIAN:
         curvature = Curvature(ca.vertcat(variables, parameters), constraints[: len(terms)], variables.numel())
-    shared = {"jac_g": jacobian} | (LEARNT if curvature is None else {"hess_lag": _hessian(nlp, curvature)})
+        hessian = _hessian(nlp, curvature)
+    if near := list_near_surfaces(problem):
+        nlp, jacobian, hessian = _add_surfaces(near, design.points, nlp, jacobian, hessian)
+    shared = {"jac_g": jacobian} | (LEARNT if hessian is None else {"hess_lag": hessian})
     explore = make_solver("explore", nlp, EXPLORE | shared)
     shared["grad_f"] = explore.get_function("nlp_grad_f")
     return Program(
         problem=problem,
         terms=terms,
-        rows=rows,
+        rows=(*rows, *_surface_rows(problem)),
         movable=movable,
         centre=centre,
         half=half,
@@ -251,7 +265,7 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
         explore=(explore, *(make_solver("explore", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=make_solver("polish", nlp, POLISH | shared),
         curvature=curvature,
-        constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
+        constraints=ca.Function("constraints", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]]),
         jacobian=shared["jac_g"],
         gradient=shared["grad_f"],
         expressions=nlp,
@@ -269,6 +283,51 @@ def _hessian(nlp: dict[str, Any], curvature: Curvature) -> Any:
     given = [ca.MX.sym(name, part.numel()) for name, part in zip(names, (x, p, *weights), strict=True)]
     whole = of_rest(*given) + ca.triu(curvature(ca.vertcat(*given[:2]), given[3][:quantiles]))
     return ca.Function("nlp_hess_l", given, [whole], names, ["triu_hess_gamma_x_x"])
+
+
+def list_near_surfaces(problem: PlacementProblem) -> list[tuple[NearSurface, int]]:
+    """The fiducials that are kept near a surface, and which."""
+    return [
+        (place.region, i)
+        for place in problem.places
+        if isinstance(place.region, NearSurface)
+        for copy, i in enumerate(place.fiducials)
+        if not (copy and _keeps_anyway(problem, place, copy))
+    ]
+
+
+def _surface_rows(problem: PlacementProblem) -> Iterator[ConstraintRow]:
+    """In the order of ``_add_surfaces``."""
+    for region, i in list_near_surfaces(problem):
+        for name, _, equal in region.rows(0.0):
+            text = f"{problem.system.fiducial_labels[i]} at the {name} of its region"
+            yield ConstraintRow("region", text, 0.0, 0.0 if equal else np.inf, (i,))
+
+
+def _add_surfaces(
+    near: list[tuple[NearSurface, int]], points: ArrayLike, nlp: dict[str, Any], jacobian: Any, hessian: Any | None
+) -> tuple[dict[str, Any], Any, Any | None]:
+    """A programme and its derivatives with rows for fiducials near surfaces, which are no expressions but functions."""
+    x, p, f, g = nlp.values()
+    variables, parameters = ca.MX.sym("x", x.numel()), ca.MX.sym("p", p.numel() + len(near))
+    own, off = parameters[: p.numel()], parameters[p.numel() :]
+    at = ca.Function("at", [x], [ca.vertcat(*(points[i, k] for _, i in near for k in range(3)))])(variables)
+    levels = (region.level(at[3 * j : 3 * j + 3]) + off[j] for j, (region, _) in enumerate(near))
+    added = ca.vertcat(
+        *(row for (region, _), level in zip(near, levels, strict=True) for _, row, _ in region.rows(level))
+    )
+    values, slopes = jacobian(variables, own)
+    names, count = ["x", "p", "lam_f", "lam_g"], g.numel()
+    if hessian is not None:
+        weight, weights = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", count + added.numel())
+        bent = ca.triu(ca.hessian(ca.dot(weights[count:], added), variables)[0])
+        given = [variables, parameters, weight, weights]
+        whole = hessian(variables, own, weight, weights[:count]) + bent
+        hessian = ca.Function("nlp_hess_l", given, [whole], names, ["triu_hess_gamma_x_x"])
+    both = [ca.vertcat(values, added), ca.vertcat(slopes, ca.jacobian(added, variables))]
+    jacobian = ca.Function("nlp_jac_g", [variables, parameters], both, names[:2], ["g", "jac_g_x"])
+    objective, rules = (ca.Function(name, [x, p], [part])(variables, own) for name, part in (("f", f), ("g", g)))
+    return {"x": variables, "p": parameters, "f": objective, "g": ca.vertcat(rules, added)}, jacobian, hessian
 
 
 class _Symbols(NamedTuple):
@@ -367,10 +426,11 @@ def rename_fiducials(
     """The programme with other labels for its fiducials, and so other words; terms: its own, renamed."""
     problem = replace(program.problem, system=replace(program.problem.system, fiducial_labels=labels))
     choosers = [np.zeros(count) for count in program.piece_counts]
-    placed = (*geometric_rows(problem, terms, layout), *_keep_out_rows(problem, layout, choosers))
+    written = (*geometric_rows(problem, terms, layout), *_keep_out_rows(problem, layout, choosers))
+    placed = (*(row for row, _ in written), *_surface_rows(problem))
     first = len(program.rows) - len(placed)
     quantiles = (replace(row, text=term.demand.text) for row, term in zip(program.rows, terms, strict=False))
-    rows = (*quantiles, *program.rows[len(terms) : first], *(row for row, _ in placed))
+    rows = (*quantiles, *program.rows[len(terms) : first], *placed)
     return replace(program, problem=problem, terms=terms, rows=rows)
 
 
@@ -581,7 +641,8 @@ def _field(problem: PlacementProblem, view: View, projection: Array, homogeneous
 
 
 def _regions(problem: PlacementProblem, points: ArrayLike) -> Rows:
-    """A box is held by the bounds of its variables; other regions, and boxes of copies, by rows."""
+    """A box is held by the bounds of its variables; other regions, and boxes of copies, by rows; surfaces by rows of
+    their own."""
     for place in problem.places:
         for copy, i in enumerate(place.fiducials):
             if _keeps_anyway(problem, place, copy):

@@ -1,4 +1,5 @@
-"""Where fiducials may and may not be: boxes, cylinders and balls in con, and the isometries of a symmetric layout.
+"""Where fiducials may and may not be: boxes, cylinders and balls in con, what is near a surface, and the isometries of
+a symmetric layout.
 
 Positions are in mm.  Functions marked ArrayLike take floats, arrays over many points, or CasADi scalars: they use
 + - * / alone.
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..system import ArrayLike
+from .surface import NearSurface
 from .symbols import plain
 
 ROUNDING = 1e-9  # of a scaled piece: a point on the border of a keep-out zone is clear
@@ -38,6 +40,13 @@ class Cylinder:
     height_mm: float
     radius_mm: float  # above zero
     inner_radius_mm: float = 0.0
+    towards: Array | None = None  # (3,) unit vector across the axis: the middle of a sector; None: all round
+    half_angle: float = pi  # of the sector, rad
+
+    @property
+    def directions(self) -> tuple[Array, Array]:
+        """Two unit vectors that make a right-handed frame with the axis: the first is the middle of the sector."""
+        return across_axis(self.axis) if self.towards is None else (self.towards, np.cross(self.axis, self.towards))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +58,8 @@ class Ball:
     inner_radius_mm: float = 0.0
 
 
-Shape = BoxRegion | Cylinder | Ball
+Solid = BoxRegion | Cylinder | Ball
+Shape = Solid | NearSurface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +67,7 @@ class KeepOut:
     """Where no moved fiducial may be, with the distance to be kept from it."""
 
     name: str
-    shape: Shape
+    shape: Solid  # no sector
     clearance_mm: float
     pointer: str = "/optimise/keep_out"
 
@@ -89,9 +99,11 @@ def corners(low_high_mm: Array) -> Array:
 
 
 def bounding_box(shape: Shape) -> Array:
-    """(2, 3) lowest and highest coordinates, mm, each reached."""
+    """(2, 3) lowest and highest coordinates, mm, each reached (of a sector by the whole cylinder)."""
     if isinstance(shape, BoxRegion):
         return np.array([shape.low_mm, shape.high_mm])
+    if isinstance(shape, NearSurface):
+        return shape.box_mm
     if isinstance(shape, Ball):
         return np.array([shape.centre_mm - shape.radius_mm, shape.centre_mm + shape.radius_mm])
     ends = np.array([shape.base_mm, shape.base_mm + shape.height_mm * shape.axis])
@@ -100,9 +112,11 @@ def bounding_box(shape: Shape) -> Array:
 
 
 def diameter_mm(shape: Shape) -> float:
-    """Largest distance between two points of the region."""
+    """Largest distance between two points of the region, or more."""
     if isinstance(shape, BoxRegion):
         return float(np.linalg.norm(shape.high_mm - shape.low_mm))
+    if isinstance(shape, NearSurface):
+        return float(np.linalg.norm(np.diff(shape.box_mm, axis=0)))
     height = shape.height_mm if isinstance(shape, Cylinder) else 0.0
     return hypot(2 * shape.radius_mm, height)
 
@@ -116,11 +130,13 @@ def clip(shape: Shape, points: Array) -> Array:
     """(M, 3) nearest points of the region; from the axis of a tube or the centre of a shell, in a fixed direction."""
     if isinstance(shape, BoxRegion):
         return np.clip(points, shape.low_mm, shape.high_mm)
+    if isinstance(shape, NearSurface):
+        return shape.clip(points)
     if isinstance(shape, Ball):
         return shape.centre_mm + _between(points - shape.centre_mm, np.eye(3)[0], shape)
     offset = points - shape.base_mm
     along = offset @ shape.axis
-    across = _between(offset - along[:, None] * shape.axis, across_axis(shape.axis)[0], shape)
+    across = _within_sector(offset - along[:, None] * shape.axis, shape)
     return shape.base_mm + across + np.clip(along, 0, shape.height_mm)[:, None] * shape.axis
 
 
@@ -130,6 +146,19 @@ def _between(offset: Array, fallback: Array, shape: Cylinder | Ball) -> Array:
     direction = np.where(length > 0, offset / np.where(length > 0, length, 1.0), fallback)
     within = (length >= shape.inner_radius_mm) & (length <= shape.radius_mm)
     return np.where(within, offset, direction * np.clip(length, shape.inner_radius_mm, shape.radius_mm))
+
+
+def _within_sector(across: Array, shape: Cylinder) -> Array:
+    """Offsets (M, 3) from the axis brought between the radii, and to the nearest side of a sector from beside it."""
+    placed = _between(across, shape.directions[0], shape)
+    if shape.towards is None:
+        return placed
+    first, second = (across @ each for each in shape.directions)
+    beside = np.abs(np.arctan2(second, first)) > shape.half_angle
+    edge = np.cos(shape.half_angle) * shape.directions[0][None, :]
+    edge = edge + np.where(second < 0, -1.0, 1.0)[:, None] * np.sin(shape.half_angle) * shape.directions[1]
+    along = np.clip((across * edge).sum(axis=1), shape.inner_radius_mm, shape.radius_mm)
+    return np.where(beside[:, None], along[:, None] * edge, placed)
 
 
 def across_axis(axis: Array) -> tuple[Array, Array]:
@@ -149,6 +178,8 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
         unit = rng.uniform(-1, 1, (count, 3))
         unit = np.where(rng.random(unit.shape) < on_surface, np.sign(unit), unit)
         return (shape.low_mm + shape.high_mm) / 2 + (shape.high_mm - shape.low_mm) / 2 * unit
+    if isinstance(shape, NearSurface):
+        return shape.sample(rng, count, on_surface)
     unit = rng.random((count, 3))
     outwards = rng.random((count, 2)) < on_surface
     angle = 2 * pi * unit[:, 1]
@@ -162,7 +193,8 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
         direction = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
         return np.asarray(shape.centre_mm + radius[:, None] * direction)
     along = np.where(outwards[:, 1], np.round(unit[:, 2]), unit[:, 2]) * shape.height_mm
-    first, second = across_axis(shape.axis)
+    first, second = shape.directions
+    angle = shape.half_angle * (angle / pi - 1) if shape.towards is not None else angle
     across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     return np.asarray(shape.base_mm + radius[:, None] * across + along[:, None] * shape.axis)
 
@@ -170,7 +202,8 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
 def inside_rows(shape: Shape, point: ArrayLike) -> list[tuple[str, Any, bool]]:
     """(name, expression about 1 in size, equality) of each face: ``>= 0`` inside, ``== 0`` where equality.
 
-    ArrayLike: point (3,).  Polynomials of the position, at most squares.
+    ArrayLike: point (3,).  Polynomials of the position, at most squares, and of a sector a root.  What is near a
+    surface has none: its rows are those of a spline.
     """
     rows: list[tuple[str, Any, bool]] = []
     if isinstance(shape, BoxRegion):
@@ -184,6 +217,8 @@ def inside_rows(shape: Shape, point: ArrayLike) -> list[tuple[str, Any, bool]]:
             else:
                 rows.append((f"{axis} plane", (point[k] - low) / largest, True))
         return rows
+    if isinstance(shape, NearSurface):
+        return rows
     inner, outer = float(shape.inner_radius_mm), float(shape.radius_mm)
     across, along = _across_and_along(shape, point)
     if inner == outer:
@@ -194,12 +229,27 @@ def inside_rows(shape: Shape, point: ArrayLike) -> list[tuple[str, Any, bool]]:
             rows.append(("inner radius", (across - inner**2) / outer**2, False))
     if isinstance(shape, Cylinder):
         height = float(shape.height_mm)
+        rows += _sector_rows(shape, point)
         if height > 0:
             rows.append(("base", along / height, False))
             rows.append(("top", 1 - along / height, False))
         else:
             rows.append(("plane of the disc", along / outer, True))
     return rows
+
+
+def _sector_rows(shape: Cylinder, point: ArrayLike) -> list[tuple[str, Any, bool]]:
+    """Two planes where the sector is no more than half a turn; beyond, where it has no axis, a cosine."""
+    if shape.towards is None:
+        return []
+    offset = [point[k] - float(shape.base_mm[k]) for k in range(3)]
+    middle, turned = (_dot(each, offset) for each in shape.directions)
+    sine, cosine = float(np.sin(shape.half_angle)), float(np.cos(shape.half_angle))
+    if cosine < 0:
+        beyond = middle - cosine * (middle**2 + turned**2) ** 0.5
+        return [("side of the sector", beyond / (shape.radius_mm * (1 - cosine)), False)]
+    ends = (("first", turned), ("second", -turned))
+    return [(f"{name} side", (sine * middle + cosine * way) / shape.radius_mm, False) for name, way in ends]
 
 
 def _across_and_along(shape: Cylinder | Ball, point: ArrayLike) -> tuple[Any, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import ceil, degrees, floor, inf, log10, radians
 
 import numpy as np
@@ -12,6 +13,7 @@ from tailstack.fields import INTERFACES
 
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.consistency import list_declared
+from ..design.frames import mesh_of
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,
@@ -20,6 +22,8 @@ from ..design.optimise_document import (
     SearchBall,
     SearchBox,
     SearchCylinder,
+    SearchShape,
+    SearchSurface,
     Stay,
     Survive,
     Symmetry,
@@ -43,7 +47,8 @@ from .problem import (
     Survival,
     unit_of,
 )
-from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
+from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, Solid, bounding_box, clip, mirror, turns
+from .surface import NearSurface
 
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
 STAYS_MM = 1e-3  # what rounding alone has moved is where it was
@@ -97,7 +102,7 @@ def read_request(design: Design) -> OptimiseRequest:
         cost_limit=section.cost_limit,
         symmetry=_symmetry(section.symmetry),
         keep_out=tuple(
-            KeepOut(zone.name, _shape(zone.shape), zone.clearance_mm, f"/optimise/keep_out/{index}")
+            KeepOut(zone.name, _solid(zone.solid), zone.clearance_mm, f"/optimise/keep_out/{index}")
             for index, zone in enumerate(section.keep_out)
         ),
         min_spacing_mm=section.min_spacing_mm,
@@ -129,14 +134,29 @@ def _stay(wanted: Stay, before: System, labels: Sequence[str]) -> Homes:
     return Homes(frozen(home_mm), wanted.cost_per_mm or 0.0, wanted.at_most_mm or inf)
 
 
-def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:
+def _shape(shape: SearchShape) -> Shape:
+    return _near_surface(shape) if isinstance(shape, SearchSurface) else _solid(shape)
+
+
+@lru_cache(maxsize=4)
+def _near_surface(shape: SearchSurface) -> NearSurface:
+    """One for each section: the spline over it is made once."""
+    side = {"both": 0, "inside": -1, "outside": 1}[shape.side]
+    return NearSurface(mesh_of(shape), shape.distance_mm, shape.at_least_mm, side)
+
+
+def _solid(shape: SearchBox | SearchCylinder | SearchBall) -> Solid:
     if isinstance(shape, SearchBox):
         return BoxRegion(np.array(shape.min_mm), np.array(shape.max_mm))
     if isinstance(shape, SearchBall):
         return Ball(np.array(shape.centre_mm), shape.radius_mm, shape.inner_radius_mm)
     axis = np.array(shape.axis, dtype=float)
     axis /= np.linalg.norm(axis)
-    return Cylinder(np.array(shape.base_mm), axis, shape.height_mm, shape.radius_mm, shape.inner_radius_mm)
+    tube = Cylinder(np.array(shape.base_mm), axis, shape.height_mm, shape.radius_mm, shape.inner_radius_mm)
+    if (sector := shape.sector) is None:
+        return tube
+    towards = np.array(sector.towards, dtype=float) - axis * (axis @ sector.towards)
+    return replace(tube, towards=towards / np.linalg.norm(towards), half_angle=radians(sector.width_deg / 2))
 
 
 def _symmetry(symmetry: Symmetry | None) -> tuple[Isometry, ...]:
@@ -365,9 +385,9 @@ def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:
     for decimals in POSITION_DECIMALS if coarse else POSITION_DECIMALS[1:]:
         fiducials[free] = np.round(choice.fiducials_mm[free], decimals) + 0.0  # no negative zeros
         for place in problem.places:
-            if isinstance(place.region, BoxRegion) and not problem.symmetry:
-                index = place.fiducials[0]
-                fiducials[index] = np.clip(fiducials[index], place.region.low_mm, place.region.high_mm)
+            if isinstance(place.region, BoxRegion | NearSurface) and not problem.symmetry:
+                index = list(place.fiducials)
+                fiducials[index] = clip(place.region, fiducials[index])
         if (homes := problem.stay) is not None:
             near = np.linalg.norm(fiducials - homes.home_mm, axis=1) < STAYS_MM
             fiducials = np.where(near[:, None], homes.home_mm, fiducials)

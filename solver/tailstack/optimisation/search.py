@@ -510,6 +510,7 @@ def start_at(program: Program, layout: Array) -> Start:
         signs,
         tuple(no_correction(problem, term) for term in program.terms),
         program.pieces_of(choice),
+        program.off_surface(choice),
     )
     vector = parameters.vector(program, "main")
 

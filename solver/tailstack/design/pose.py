@@ -1,0 +1,51 @@
+"""Rigid transforms as a document states them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ..fields import KEEP_ONE, Angles, Matrix44, Point, Quaternion, Record, Rotation3, refusal
+
+
+class Pose(Record):
+    """A rigid transform as one rotation, in one of three forms, and a translation."""
+
+    rotation_deg: Angles | None = Field(
+        default=None,
+        description="[rx, ry, rz] in degrees, composed as R = Rx(rx) Ry(ry) Rz(rz).",
+        examples=[[0.0, 0.0, 90.0]],
+    )
+    rotation: Rotation3 | None = Field(
+        default=None, description="Rotation matrix, row by row.", examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]]
+    )
+    quaternion_wxyz: Quaternion | None = Field(
+        default=None, description="Unit quaternion, scalar first.", examples=[[1.0, 0.0, 0.0, 0.0]]
+    )
+    translation_mm: Point = Field(
+        default=(0.0, 0.0, 0.0), description="Added after the rotation, mm.", examples=[[0.0, 0.0, 120.0]]
+    )
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> Pose:
+        given = [n for n in ("rotation_deg", "rotation", "quaternion_wxyz") if getattr(self, n) is not None]
+        if len(given) > 1:
+            raise refusal("one-of", f"give one rotation; {' and '.join(given)} arrived", KEEP_ONE, given[1])
+        return self
+
+
+def _pose_kind(value: Any) -> str | None:
+    if isinstance(value, list | tuple):
+        return "<matrix>"
+    return "<pose>" if isinstance(value, dict | Pose) else None
+
+
+Transform = Annotated[
+    Annotated[Matrix44, Tag("<matrix>")] | Annotated[Pose, Tag("<pose>")],
+    Discriminator(
+        _pose_kind,
+        custom_error_type="wrong-type",
+        custom_error_message="a transform is a 4x4 matrix or a mapping with a rotation and translation_mm",
+    ),
+]
