@@ -49,7 +49,7 @@ export function Reach() {
   const of = shown.value;
   if (!of || of.old || !of.levers.length || !standing.value.holds || answer.value!.score.verdict.status === "pass") return null;
   const { levers, limit, unit, digits: d } = of, all = levers.find(({ name }) => name === "together"), beads = levers.find(({ name }) => name === "placement");
-  if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`Impossible below ${mm(all.value, d)} ${unit}, by estimate: with ${all.label}.`}</p>;
+  if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`An optimisation leads no further than ${mm(all.value, d)} ${unit}, by estimate: ${all.label}.`}</p>;
   const first = levers.filter(({ how, name }) => how !== "bound" && name !== "placement").slice(0, 2).map(({ label, value }) => `${label} ${mm(value, d)}`);
   return <p class="note reach" data-kind="estimate">{`Alone at best: ${[...first, beads && `beads elsewhere ${beads.how === "bound" ? "not below " : ""}${mm(beads.value, d)}`].filter(Boolean).join(", ")} ${unit}.`}</p>;
 }

@@ -93,7 +93,7 @@ function stop(): void {
   sample.value = sample.value && { ...sample.value, state: "stopped", left: null };
 }
 
-const CELLS = 36_000, LONGEST = 2500, SHORTEST = 32, PIECE_SECONDS = 0.4, AT_A_TIME = 2, AGAIN = 1000; // of one request; ms until one that failed is sent again
+const CELLS = 36_000, LONGEST = 2500, SHORTEST = 8, PIECE_SECONDS = 0.4, AT_A_TIME = 2, AGAIN = 1000; // of one request; ms until one that failed is sent again
 
 /** Draw and score a sample of the present axes; what comes is shown at once. */
 async function draw(): Promise<void> {
@@ -102,7 +102,7 @@ async function draw(): Promise<void> {
   const places = sobol(count, varied.length, seed.value), price = costOf(data), unknown = () => new Float64Array(count).fill(NaN);
   const columns: Column[] = varied.map((axis, a) => ({ key: axis.key, label: axis.label, unit: axis.unit, log: axis.log, limit: null, now: axis.now, values: places[a].map((at) => valueOf(axis, at)), axis }));
   if (price) {
-    const costs = Float64Array.from({ length: count }, (_, k) => price(new Map(columns.map(({ key, values }) => [key, values[k]])))), known = costs.every(Number.isFinite);
+    const costs = Float64Array.from({ length: count }, (_, k) => price(new Map(columns.map(({ key, values }) => [key, values[k]])))), known = costs.every(Number.isFinite) && costs.some((cost) => cost !== costs[0]);
     if (known) columns.push({ key: "cost", label: "cost", unit: "", log: true, limit: null, now: price(new Map()), values: costs, axis: null });
   }
   const names = [...new Set(checks.map(({ requirement }) => requirement))].slice(0, 6), found: Column[] = names.length
@@ -209,7 +209,7 @@ function NameOf({ label, unit }: Column) {
 /** What a colour of the page is, as three numbers. */
 function rgb(name: string): number[] {
   const hex = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
+  return [0, 1, 2].map((k) => parseInt(hex.length < 7 ? hex[k + 1].repeat(2) : hex.slice(2 * k + 1, 2 * k + 3), 16));
 }
 
 function Lines({ of }: { of: Sample }) {
@@ -264,7 +264,7 @@ function Lines({ of }: { of: Sample }) {
           </svg>
         </div>
       </div>
-      <p class="note near">{near !== null && kept.value[near] ? `Number ${near + 1}: ${wordsOf(near)}. Press to take it.` : now ? "Drag along an axis to keep a part of it, press it to keep all; press a line to take that design. The dark line is the design on the page." : " "}</p>
+      <p class="note near">{near !== null && kept.value[near] ? `Number ${near + 1}: ${wordsOf(near)}. Press to take it.` : now ? "Drag along an axis to keep a part of it, press it to keep all; press a line to take that design. The thick line is the design on the page." : " "}</p>
     </div>
   );
 }
@@ -304,10 +304,10 @@ function AxisLine({ column, x, scale }: { column: Column; x: number; scale: Retu
 function Where({ of }: { of: Sample }) {
   const canvas = useRef<HTMLCanvasElement>(null), found = of.columns.find(({ axis, key }) => !axis && key !== "cost")!, at = /^\/targets\/(\d+)\/position_mm\/[012]$/;
   const own = of.columns.filter(({ key }) => at.test(key)), [across, up] = own.filter(({ key }) => at.exec(key)![1] === at.exec(own[0].key)![1]);
-  const scale = up && [across, up, found].map(scaleOf), SIDE = 300;
+  const scale = up && [across, up, { ...found, limit: null, now: null }].map(scaleOf), SIDE = 300;
   useLayoutEffect(() => {
     if (!scale) return;
-    const ink = canvas.current!.getContext("2d")!, ground = rgb("--ground"), within = rgb("--bead"), beyond = rgb("--fail-edge"), cell = Math.max(3, Math.ceil(SIDE / Math.sqrt(of.scored + 1)));
+    const ink = canvas.current!.getContext("2d")!, ground = rgb("--ground"), within = rgb("--bead"), beyond = rgb("--fail-edge"), cell = Math.max(3, Math.ceil((2 * SIDE) / Math.sqrt(of.scored + 1)));
     ink.clearRect(0, 0, SIDE, SIDE);
     for (let row = 0; row < of.count; row += 1) {
       const value = found.values[row], dark = 0.15 + 0.85 * scale[2].to(value);
@@ -337,6 +337,12 @@ function Typed({ label, value, take, none = "" }: { label: string; value: number
     setWrong(field.value !== shown && !(empty && none ? take(null) : number !== null && take(number)));
   };
   return <input key={shown} type="text" inputMode="decimal" aria-label={label} placeholder={none} defaultValue={shown} aria-invalid={wrong} onInput={() => setWrong(false)} onBlur={(event) => typed(event.currentTarget)} onKeyDown={(event) => event.key === "Enter" && typed(event.currentTarget)} />;
+}
+
+/** The target that decides, its x and y alone. */
+function MapOf() {
+  const name = estimated.value?.target.name, k = (settled.value?.targets ?? []).findIndex((target: Json) => target?.name === name), own = offered.value.filter(({ key }) => key === `/targets/${k}/position_mm/0` || key === `/targets/${k}/position_mm/1`);
+  return own.length < 2 ? null : <button type="button" class="small" onClick={() => (chosen.value = new Map(own.map(({ key, low, high }) => [key, [low, high]])))}>{`Only x and y of ${name}: a map`}</button>;
 }
 
 /** Which numbers vary between which bounds, and what is kept of each axis. */
@@ -374,7 +380,7 @@ function Axes() {
       {rest.length > 0 && axes.value.length < MOST_AXES && (
         <p class="controls"><label>Let vary, too{" "}<select value="" onChange={(event) => { const axis = rest.find(({ key }) => key === event.currentTarget.value); if (axis) choose((held) => held.set(axis.key, [axis.low, axis.high])); event.currentTarget.value = ""; }}>
           <option value="">choose …</option>{rest.map((axis) => <option key={axis.key} value={axis.key}>{named(axis)}</option>)}
-        </select></label></p>
+        </select></label>{" "}<MapOf /></p>
       )}
     </div>
   );
@@ -388,7 +394,7 @@ function Kept({ of }: { of: Sample }) {
   return (
     <>
       <p class="controls">
-        <strong role="status">{`${rows.length} of ${of.scored} kept`}</strong>
+        <strong role="status">{`${rows.length} of ${of.scored} kept`}</strong>{of.scored > 0 && !rows.length && <span class="note">widen a range above</span>}
         {ranges.value.size > 0 && <button type="button" class="small" onClick={() => (ranges.value = new Map())}>Keep all</button>}
         <button type="button" class="small" disabled={!rows.length} onClick={() => copy(csv(), `${rows.length} designs copied as CSV.`)}>Copy as CSV</button>
         <button type="button" class="small" disabled={!rows.length} onClick={() => save(new Blob([csv()], { type: "text/csv" }), `${fileName()}.designs.csv`)}>Save as CSV</button>
