@@ -40,7 +40,8 @@ const page = require("./sample.js");
 answer(asked.map(({ call, given }) => ({
   sobol: ([count, dimensions, seed]) => page.sobol(count, dimensions, seed).map((column) => [...column]),
   cost: ([data, other]) => page.costOf(data)?.(new Map(Object.entries(other))) ?? null,
-  axes: ([data, widths]) => page.axesOf(data, widths).map((axis) => ({ ...axis, here: axis.place(axis.now),
+  axes: ([data, widths, ...others]) => page.axesOf(data, widths).map((axis) => ({ ...axis, here: axis.place(axis.now),
+    read: others.map((other) => axis.read(other)),
     drawn: [0, 0.3, 0.999].map((at) => page.valueOf(axis, at)), placed: axis.place(page.valueOf(axis, 0.3)) })),
   kept: ([columns, ranges]) => [...page.keptBy(columns.map((column) => Float64Array.from(column, (v) => v ?? NaN)),
     ranges.map((range) => range && range.map((end, k) => end ?? (k ? Infinity : -Infinity))))],
@@ -126,7 +127,15 @@ def test_a_cost_is_what_the_optimiser_counts(tmp_path: Path) -> None:
 def test_axes_have_the_designs_bounds_and_grades_and_move_what_they_are_called_after(tmp_path: Path) -> None:
     *_, graded = priced()
     widths = [{"path": POINTER.split("/")[1:], "label": "flange, rx", "unit": "°"}]
-    plain, grades = called(tmp_path, "axes", [yaml.safe_load(DEMO), widths], [graded, widths])
+    demo = yaml.safe_load(DEMO)
+    places = np.array([point["position_mm"] for point in demo["fiducials"]["points"]])
+    middle, moved = places.mean(axis=0), places.copy()
+    moved[1, 1] += 0.1
+    larger = (1.2 * (places - middle) + middle).round(3)
+    layouts = [[{"position_mm": at} for at in each.tolist()] for each in (larger, moved)]
+    others = [demo, *({**demo, "fiducials": {**demo["fiducials"], "points": each}} for each in layouts)]
+    others.append(replaced(demo, ["views", 0, "fiducial_noise_px"], 0.4))
+    plain, grades = called(tmp_path, "axes", [demo, widths, *others], [graded, widths])
     of = {axis["key"]: axis for axis in plain}
     assert [of[POINTER]["low"], of[POINTER]["high"], of[POINTER]["now"]] == [0.01, 0.5, 0.2]
     noise = of["/views/*/fiducial_noise_px"]
@@ -134,11 +143,13 @@ def test_axes_have_the_designs_bounds_and_grades_and_move_what_they_are_called_a
     assert [of["/targets/0/position_mm/2"][end] for end in ("low", "now", "high")] == [50, 70, 90]
     for axis in plain:
         assert all(axis["low"] <= value <= axis["high"] for value in axis["drawn"])
-    size, points = of["size"], np.array([p["position_mm"] for p in yaml.safe_load(DEMO)["fiducials"]["points"]])
-    assert np.array_equal(np.reshape(size["here"], (-1, 3)), points)
-    moved = np.reshape(size["placed"], (-1, 3))
-    assert max(np.linalg.norm(moved[:, None] - moved[None], axis=2).flat) == pytest.approx(size["drawn"][1], abs=2e-3)
-    assert moved.mean(axis=0) == pytest.approx(points.mean(axis=0), abs=1e-3)
+    size = of["size"]
+    assert np.array_equal(np.reshape(size["here"], (-1, 3)), places)
+    assert size["read"] == [size["now"], pytest.approx(1.2 * size["now"], abs=2e-3), None, size["now"]]
+    assert noise["read"] == [0.3, 0.3, 0.3, None]  # one of two is no value of both
+    placed = np.reshape(size["placed"], (-1, 3))
+    assert max(np.linalg.norm(placed[:, None] - placed[None], axis=2).flat) == pytest.approx(size["drawn"][1], abs=2e-3)
+    assert placed.mean(axis=0) == pytest.approx(middle, abs=1e-3)
     assert {axis["key"]: axis for axis in grades}[POINTER]["drawn"] == [0.05, 0.05, 0.2]
 
 

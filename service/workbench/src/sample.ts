@@ -15,6 +15,7 @@ export interface Axis {
   choices: number[]; // of process grades; empty: anything between the bounds
   paths: Path[];
   place(value: number): number[]; // what stands at each of the paths
+  read(data: Json): number | null; // of a design; null where what stands there is of no value
 }
 export interface HalfWidth {
   path: Path;
@@ -32,7 +33,7 @@ export function axesOf(data: Json, halfWidths: readonly HalfWidth[]): Axis[] {
   const free = new Map(freeOf(data).map((each) => [pointerOf(each.path), each])), views: Json[] = Array.isArray(data?.views) ? data.views : [];
   const made = (key: string, label: string, unit: string, paths: Path[], log = true, place = (value: number) => paths.map(() => value)): Axis => {
     const now: number = valueAt(data, paths[0]), own = free.get(key), [low, high] = own ? [own.low, own.high] : log ? (now > 0 ? SCALED.map((part) => digits3(part * now)) : [0.01, 0.1]) : [now - REACH_MM, now + REACH_MM];
-    return { key, label, unit, now, low, high, log, choices: own?.choices ?? [], paths, place };
+    return { key, label, unit, now, low, high, log, choices: own?.choices ?? [], paths, place, read: (other) => { const all = paths.map((path) => valueAt(other, path)); return all.every((value) => typeof value === "number" && value === all[0]) ? all[0] : null; } };
   };
   const joined = JOINED.filter((field) => views.length > 1 && views.every((view) => typeof view?.[field] === "number" && view[field] === views[0][field]));
   const alone = halfWidths.filter(({ path }) => !(path[0] === "views" && joined.includes(String(path[2]))));
@@ -46,13 +47,19 @@ export function axesOf(data: Json, halfWidths: readonly HalfWidth[]): Axis[] {
   ];
 }
 
+const ROUNDED_MM = 3e-3; // that coordinates of a layout of another size may be off by, each of them rounded to 0.001
+
 /** How large the layout of the beads is: they move away from their middle, all by the same factor. */
 function sizeOf(points: Json[]): Axis[] {
-  const at: number[][] = points.map((point) => point?.position_mm);
-  if (at.length < 2 || !at.every((p) => Array.isArray(p) && p.length === 3 && p.every((v) => typeof v === "number"))) return [];
-  const middle = [0, 1, 2].map((k) => at.reduce((sum, p) => sum + p[k], 0) / at.length), now = Math.max(...at.flatMap((p, k) => at.slice(k + 1).map((q) => Math.hypot(p[0] - q[0], p[1] - q[1], p[2] - q[2]))));
+  const at: number[][] = points.map((point) => point?.position_mm), sound = (all: Json[]) => all.every((p) => Array.isArray(p) && p.length === 3 && p.every((v) => typeof v === "number"));
+  if (at.length < 2 || !sound(at)) return [];
+  const largest = (all: number[][]) => Math.max(...all.flatMap((p, k) => all.slice(k + 1).map((q) => Math.hypot(p[0] - q[0], p[1] - q[1], p[2] - q[2])))), now = largest(at), middle = [0, 1, 2].map((k) => at.reduce((sum, p) => sum + p[k], 0) / at.length);
   const place = (value: number) => at.flatMap((p) => p.map((v, k) => (value === now ? v : Number((middle[k] + ((v - middle[k]) * value) / now).toFixed(3)))));
-  return now > 0 ? [{ key: "size", label: "size of the bead layout", unit: "mm", now, low: digits3(0.6 * now), high: digits3(1.4 * now), log: true, choices: [], paths: at.flatMap((_, k) => [0, 1, 2].map((axis) => ["fiducials", "points", k, "position_mm", axis])), place }] : [];
+  const read = (data: Json) => {
+    const other: Json[] = (Array.isArray(data?.fiducials?.points) ? data.fiducials.points : []).map((point: Json) => point?.position_mm), size = other.length === at.length && sound(other) ? largest(other) : 0, flat = other.flat();
+    return size > 0 && place(size).every((v, k) => Math.abs(v - flat[k]) <= ROUNDED_MM) ? size : null;
+  };
+  return now > 0 ? [{ key: "size", label: "size of the bead layout", unit: "mm", now, low: digits3(0.6 * now), high: digits3(1.4 * now), log: true, choices: [], paths: at.flatMap((_, k) => [0, 1, 2].map((axis) => ["fiducials", "points", k, "position_mm", axis])), place, read }] : [];
 }
 
 // --- what it costs -----------------------------------------------------------------------------------------------------

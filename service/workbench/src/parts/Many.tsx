@@ -7,7 +7,7 @@ import { placeOf } from "../advice";
 import { answer, current, readRefusal, type Refusal, refused, send, unreachable } from "../api";
 import { estimated, standing } from "../readings";
 import { type Axis, axesOf, costOf, Crossings, csvOf, keptBy, MOST_AXES, type Range, sobol, valueOf } from "../sample";
-import { edit, gesture, type Json, opened, pointerOf, say, settled, valueAt, withEdits, design } from "../state";
+import { edit, gesture, type Json, opened, pointerOf, say, settled, withEdits, design } from "../state";
 import { brief, duration, readNumber } from "../words";
 import { slides } from "./Contributors";
 import { copy } from "./Files";
@@ -73,7 +73,10 @@ const ranges = signal<ReadonlyMap<string, Range>>(new Map());
 /** All of a design but the places of some axes. */
 const restOf = (data: Json, varied: readonly (Axis | null)[]) => JSON.stringify(withEdits(data, varied.flatMap((axis) => (axis?.paths ?? []).map((path) => ({ path, value: null })))));
 /** Whether the sample is about the design on the page, which may be one of it. */
-const fits = computed(() => sample.value !== null && design.value !== null && restOf(design.value, sample.value.columns.map(({ axis }) => axis)) === sample.value.of);
+const fits = computed(() => {
+  const of = sample.value, varied = of?.columns.map(({ axis }) => axis) ?? [];
+  return of !== null && design.value !== null && varied.every((axis) => !axis || axis.read(design.value) !== null) && restOf(design.value, varied) === of.of;
+});
 
 let running: AbortController | null = null;
 effect(() => {
@@ -246,7 +249,7 @@ function Lines({ of }: { of: Sample }) {
     return found;
   };
   const path = (values: (number | null)[]) => (values.every((value) => value !== null && Number.isFinite(value)) ? `M${values.map((value, c) => `${xs[c]} ${y(c, value!).toFixed(1)}`).join("L")}` : "");
-  const present = now && current.value ? columns.map((column) => (column.axis ? column.axis.paths.length > 1 && column.key === "size" ? offered.value.find(({ key }) => key === "size")?.now ?? null : valueAt(settled.value, column.axis.paths[0]) : column.key === "cost" ? costOf(settled.value)?.(new Map()) ?? null : worstOf(column.key))) : [];
+  const present = now && current.value ? columns.map((column) => (column.axis ? column.axis.read(settled.value) : column.key === "cost" ? costOf(settled.value)?.(new Map()) ?? null : worstOf(column.key))) : [];
   const place = (event: PointerEvent & { currentTarget: SVGElement }) => { const { left, top } = event.currentTarget.ownerSVGElement?.getBoundingClientRect() ?? event.currentTarget.getBoundingClientRect(); return [event.clientX - left, event.clientY - top]; };
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Lines of the designs">
