@@ -49,7 +49,7 @@ def solver_zone(zone: dict[str, Any]) -> regions.KeepOut:
         return np.array(axis, dtype=float) / np.linalg.norm(axis)
 
     if box := zone.get("box"):
-        shape: regions.Shape = regions.BoxRegion(np.array(box["min_mm"]), np.array(box["max_mm"]))
+        shape: regions.Solid = regions.BoxRegion(np.array(box["min_mm"]), np.array(box["max_mm"]))
     elif ball := zone.get("ball"):
         shape = regions.Ball(np.array(ball["centre_mm"]), ball["radius_mm"], ball.get("inner_radius_mm", 0.0))
     else:
@@ -66,7 +66,7 @@ def solver_zone(zone: dict[str, Any]) -> regions.KeepOut:
 
 def test_what_is_moved_keeps_spacing_zones_and_locks_or_stays(tmp_path: Path) -> None:
     draw = random.Random(60)
-    scenes = []
+    scenes: list[dict[str, Any]] = []
     for k in range(200):
         others = [{"label": f"O{n}", "position": vector(draw, 25)} for n in range(draw.randrange(6))]
         zones = [random_zone(draw, f"zone {n}") for n in range(draw.randrange(3))]
@@ -75,7 +75,7 @@ def test_what_is_moved_keeps_spacing_zones_and_locks_or_stays(tmp_path: Path) ->
         scenes.append(
             {"places": places, "others": others, "rules": {"spacing_mm": 9, "zones": zones, "locked": locked}}
         )
-    points = [{"zone": random_zone(draw, "z"), "point": vector(draw, 30)} for _ in range(500)]
+    points: list[dict[str, Any]] = [{"zone": random_zone(draw, "z"), "point": vector(draw, 30)} for _ in range(500)]
     found = call_page(tmp_path, ("geometry", "keeping"), KEPT, {"scenes": scenes, "points": points})
     came = 0
     for scene, answer in zip(scenes, found["settled"], strict=True):
@@ -85,8 +85,8 @@ def test_what_is_moved_keeps_spacing_zones_and_locks_or_stays(tmp_path: Path) ->
             continue
         came += 1
         after = np.array(scene["places"]) + shift
-        others = np.array([other["position"] for other in scene["others"]]).reshape(-1, 3)
-        apart = np.linalg.norm(after[:, None] - others[None], axis=2)
+        standing = np.array([other["position"] for other in scene["others"]]).reshape(-1, 3)
+        apart = np.linalg.norm(after[:, None] - standing[None], axis=2)
         assert (apart >= rules["spacing_mm"] - 1e-9).all()
         for zone in rules["zones"]:
             assert regions.clear_of(solver_zone(zone), after).all()
@@ -112,7 +112,7 @@ answer(asked.map(({ positions, point, along, degrees }) => ({
 
 def test_beads_are_mirrored_turned_and_set_on_a_circle(tmp_path: Path) -> None:
     draw = random.Random(61)
-    asked = [
+    asked: list[dict[str, Any]] = [
         {"positions": [vector(draw, 40) for _ in range(3 + k % 6)], "point": vector(draw, 20), "along": vector(draw, 1),
          "degrees": 360 / (2 + k % 5)}
         for k in range(40)
