@@ -58,7 +58,7 @@ RATIOS = frozenset(
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",
      "cost_of_moves", "cost_per_fiducial", "cost_weight", "cost_with", "cost_without", "lower_bound", "price",
-     "weight", "worth"}
+     "towards", "weight", "worth"}
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
     {"half_widths", "limit", "objective", "objective_as_aimed",
