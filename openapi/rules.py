@@ -52,13 +52,13 @@ RATIOS = frozenset(
      "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
      "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability",
-     "spread", "spreads", "statistic", "target_noise_shape", "units_fraction", "up_direction", "variance_share",
-     "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
+     "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up_direction",
+     "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",
      "cost_of_moves", "cost_per_fiducial", "cost_weight", "cost_with", "cost_without", "lower_bound", "price",
-     "towards", "weight", "worth"}
+     "weight", "worth"}
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
     {"half_widths", "limit", "objective", "objective_as_aimed",
