@@ -12,6 +12,7 @@ from tailstack.results import (
     CountTried,
     Finding,
     FrontPoint,
+    GlobalBound,
     LocalOptimum,
     MetricEstimate,
     MovedFiducial,
@@ -70,6 +71,7 @@ def full_result(**changes: Any) -> Optimisation:
         tightening_rounds=0,
         stopped="all 8 starts were solved",
         verification=verification(),
+        global_bound=GlobalBound("tip-accuracy", "tip", 1.0, 0.9983, 0.99412, 0.46, 0.42, (), "No layout is below."),
     )
     fields: dict[str, Any] = {
         "schema": "tailstack/optimisation/1",

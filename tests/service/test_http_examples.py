@@ -33,6 +33,14 @@ def test_every_example_scores_as_it_is_answered(client: httpx.Client) -> None:
         assert answer.json()["design_sha256"] == load_design(path).sha256, entry["name"]
 
 
+def test_what_no_layout_undercuts_is_told_where_it_is_asked_for(client: httpx.Client) -> None:
+    body = {"design": client.get("/v1/examples/demo").json(), "bound": True}
+    answer = client.post("/v1/validations", json=body)
+    assert answer.status_code == 200, answer.text
+    assert [bound["requirement"] for bound in answer.json()["bounds"]] == ["tip-accuracy"]
+    assert client.post("/v1/validations", json=body | {"bound": False}).json()["bounds"] == []
+
+
 def test_every_example_is_answered_as_it_was_written(client: httpx.Client) -> None:
     for entry in client.get("/v1/examples").json()["examples"]:
         path = EXAMPLES / f"{entry['name'].replace('-', '/', 1)}.yaml"

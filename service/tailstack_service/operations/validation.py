@@ -8,13 +8,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from pydantic import Field
+
 from tailstack.errors import TailstackError
-from tailstack.results import Finding, ViewCheck
+from tailstack.results import Finding, GlobalBound, ViewCheck
 from tailstack.results.record import Published
 from tailstack.results.verdicts import assumed_sentence
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
+from ..console.flags import add_flags
 from ..rendering.finding_groups import group_findings
 from ..rendering.tables import visible, wrap
 from .effort import Size
@@ -25,16 +28,25 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
 
+BOUND_SECONDS = 1.0  # for each design
+
+
 class ValidationOptions(Options):
-    """None: a design is read, and its geometry checked."""
+    """Whether more is asked than that a design can be read, and its geometry is sound."""
+
+    bound: bool = Field(
+        default=False,
+        description="Say what error no layout within the `optimise` section could undercut, proved of the estimate: "
+        "whether its limits can be kept at all.",
+    )
 
     def seconds(self, sizes: Iterable[Size]) -> float:
-        return super().seconds(size._replace(targets=0) for size in sizes)
+        return super().seconds(size._replace(targets=0) for size in sizes) + self.bound * BOUND_SECONDS
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Validation(Published):
-    """A design that was read and checked, and what it holds.  Nothing was computed."""
+    """A design that was read and checked, and what it holds.  No error was computed."""
 
     schema: Literal["tailstack/validation/1"]
     """Name and version of this record's schema."""
@@ -60,10 +72,15 @@ class Validation(Published):
     """What was done to the design's numbers on the way, and what it leaves open."""
     assumed: tuple[str, ...] = ()
     """What nobody stated: a JSON pointer (RFC 6901) into the design document for each assumed value."""
+    bounds: tuple[GlobalBound, ...] = ()
+    """For each requirement that its `optimise` section asks for, what no layout undercuts; empty unless asked for."""
 
 
-def validate(design: Design) -> Validation:
-    """Compile the design, check its geometry and count what it holds.  Raises DesignError and IllPosedError."""
+def validate(design: Design, *, bound: bool = False) -> Validation:
+    """Compile the design, check its geometry and count what it holds; ``bound``: and what no layout could undercut.
+
+    Raises DesignError and IllPosedError.
+    """
     from tailstack.design import check_design
 
     system, findings, visibility = check_design(design)
@@ -80,7 +97,14 @@ def validate(design: Design) -> Validation:
         findings=findings,
         notes=system.notes,
         assumed=system.assumed,
+        bounds=_bound(design) if bound else (),
     )
+
+
+def _bound(design: Design) -> tuple[GlobalBound, ...]:
+    from tailstack.optimisation.global_bound import bound_layouts
+
+    return bound_layouts(design)
 
 
 def validation_text(file: str, validation: Validation) -> str:
@@ -100,6 +124,9 @@ def validation_text(file: str, validation: Validation) -> str:
         if view.outside
     ]
     lines += [wrap(note, first="  note: ", indent="    ") for note in validation.notes]
+    lines += [
+        wrap(f"{each.requirement}: {each.statement}", first="  bound: ", indent="    ") for each in validation.bounds
+    ]
     if validation.assumed:
         lines.append(wrap(f"{assumed_sentence(validation.assumed)}:", first="  assumed: ", indent="    "))
         lines += [f"    {visible(pointer)}" for pointer in validation.assumed]
@@ -121,6 +148,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "document, one line on stderr for each design"
     )
     parser.add_argument("--json", action="store_true", help=words)
+    add_flags(parser, ValidationOptions)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
@@ -128,9 +156,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
 
     lines, records, codes = [], [], []
+    options = ValidationOptions.of_flags(arguments)
     for name in arguments.design:
         try:
-            validation = validate(read_design(name))
+            validation = validate(read_design(name), bound=options.bound)
             if arguments.json:
                 records.append(to_json(validation) + b"\n")
             else:
@@ -157,7 +186,7 @@ OPERATION = Operation(
     title="answer of validate: what a design holds, and remarks",
     options=ValidationOptions,
     record=lambda: Validation,
-    run=lambda call: validate(call.design),
+    run=lambda call: validate(call.design, bound=call.options.bound),
     immediate=True,
     command=Command(_add_arguments, _run),
 )

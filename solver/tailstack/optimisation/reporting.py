@@ -29,6 +29,7 @@ from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
+from .global_bound import certify_layout
 from .half_widths import list_changes
 from .present import present_design, price_as_written, say_outside
 from .problem import Choice, PlacementProblem, label_of, name_held, present_choice
@@ -98,6 +99,7 @@ def report(
             tightening_rounds=verified.rounds,
             stopped=search.stopped,
             verification=verified.verification,
+            global_bound=certify_layout(problem, search.terms, replace(optimum.choice, half_width=now.half_width)),
         ),
         shadow_prices=_shadow_prices(verified),
         binding=()

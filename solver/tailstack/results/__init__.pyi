@@ -3,6 +3,7 @@ from .optimisation import Certificate as Certificate
 from .optimisation import ChangedTolerance as ChangedTolerance
 from .optimisation import CountTried as CountTried
 from .optimisation import FrontPoint as FrontPoint
+from .optimisation import GlobalBound as GlobalBound
 from .optimisation import LocalOptimum as LocalOptimum
 from .optimisation import MovedFiducial as MovedFiducial
 from .optimisation import MovedPivot as MovedPivot

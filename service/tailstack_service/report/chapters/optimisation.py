@@ -7,7 +7,7 @@ from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
-from tailstack.results.digits import count_decimals, decimals_of, length, number, percent
+from tailstack.results.digits import at_most, count_decimals, decimals_of, length, number, percent
 from tailstack.results.optimisation import (
     MOST_OPTIMA,
     aims_table,
@@ -329,9 +329,14 @@ def _confidence_sentence(optimisation: Optimisation) -> str:
     if gap is None:
         better = "That no other is better is likely, not proved."
     elif gap < LEAST_GAP:
-        better = "It is proved that with this layout none is cheaper."
+        better = "It is proved of the estimate that with this layout none is cheaper."
     else:
-        better = f"It is proved that with this layout none is more than {gap:.2g} % cheaper."
+        better = f"It is proved of the estimate that with this layout none is more than {gap:.2g} % cheaper."
+    bound = proof.global_bound
+    if bound is not None and bound.lower_bound_mm is not None and bound.quantile_mm is not None:
+        least, reached = at_most(bound.lower_bound_mm), number(bound.quantile_mm)
+        better += " It is proved of the estimate that at these tolerances no layout of so many fiducials brings what "
+        better += f"{bound.requirement} limits below {least} mm at {bound.target}, where it is {reached} mm."
     checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %"
     margin = 1 - (optimisation.cost_exact_law or inf) / optimisation.cost_after if optimisation.cost_after else 0.0
     checked += f", a margin that costs {percent(margin, 1)} %." if margin >= DEAR_MARGIN else "."
@@ -348,6 +353,7 @@ def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
         ("Starts", f"{proof.converged_starts} of {proof.starts} converged, seed {proof.seed}"),
         ("Distinct optima", f"{_optima_words(optimisation)} ({shown})"),
         ("Lower bound", proof.relaxation.statement),
+        *([("What any layout could reach", proof.global_bound.statement)] if proof.global_bound else ()),
         ("Ending", proof.stopped),
         ("Check", f"{check.trials:,} fresh trials with seed {check.seed}, to {percent(check.precision_reached, 2)} %"),
         ("Rounds of tightening", str(proof.tightening_rounds)),

@@ -1,0 +1,649 @@
+"""How good any layout could be: a lower bound of a quantile over every layout of the envelope, proven to first order.
+
+An estimate that is exact where images are has, whatever its law, a covariance of at least the inverse of the
+information that the images hold (Gauss and Markov).  With the target and the unknowns of all views as one vector t,
+
+    F = F0 + sum over beads of J(x)' R(x)^-1 J(x),     S >= M^-1,     a' M a = least z' F z of z whose target part is a
+
+so for any z of that kind, chosen well or badly, ``a' M a <= U = z' F0 z + sum over beads of most phi_z(x)``,
+phi_z(x) = z' J' R^-1 J z: no layout knows more than U along a.  F0: the target's own images.  Of beads that are kept
+apart at most one lies in a cell narrower than that, so the N largest cells count; else N times the largest.
+
+*From directions to a covariance.*  h(a) = largest sqrt(a' M a) over all layouts is a norm, at most 1 at each
+``v = a / sqrt U``; so it is on the triangles between neighbours of a net of them, and their planes f . x = 1 cut off no
+more.  A symmetric L with ``f' L f <= 1`` for each of them is therefore below every layout's S.
+
+*From a covariance to the quantile.*  What is independent of a sum of normal, uniform and triangular laws only moves
+mass out of a ball about its centre (Anderson 1955), and so does a larger normal part: the exact quantile of the law
+with L in place of S, and without what cannot be bounded, is a lower bound.  A known bias b that no layout moves is kept
+at another level: ``P(|b + X + Y| <= r) <= (1 + P(|b + X| <= r)^2) / 2`` for log-concave symmetric X and any symmetric Y
+(Prekopa), so ``r_p`` with Y is at least ``r_q`` without, q = sqrt(2 p - 1).
+
+*In floating point.*  z, L and the net are floats that need not be the best ones; what has to hold is enclosed: phi over
+a cell by its Taylor polynomial with every remainder bounded, and rounding by the sums of absolute values
+(``docs/certificate.md``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import inf, isfinite, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..contributors import KIND, Columns, law_of
+from ..design import Design
+from ..design.loading import locate_refusals
+from ..errors import IllPosedError
+from ..geometry.arrays import Array
+from ..geometry.rotation import skew
+from ..results import GlobalBound
+from ..results.digits import at_most
+from ..system import Law, Place
+from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_gradient, law_quantile
+from .exact_law import evaluate_demand
+from .problem import Choice, PlacementProblem, present_choice
+from .program import GRID_MM
+from .regions import BoxRegion, Shape, bounding_box, contains, distinct
+from .request import read_request
+from .terms import DemandTerms, every_terms
+
+ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
+FREQUENCY = 5  # of the net of directions: 4 n^2 + 2 of them, half of them opposite
+NARROWER = 0.99  # of the spacing: how wide a cell is from corner to corner
+MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes there: beyond, cells are wider
+WITHOUT_SPACING = 12  # cells along an axis where beads are not kept apart
+ROUNDS, UPDATES = 14, 6  # layouts added to the weights of each direction; updates of these weights after each
+SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
+INSIDE, INSIDE_ERROR = 1 - 1e-9, 1e-11  # how far L stays within its planes, and how far these may be rounded
+REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for unknowns of about one size
+LAST_BARRIER, WORST_CONDITION = 1e-5, 1e12
+
+
+class Beads(NamedTuple):
+    """Beads that are alike: each, followed by its copies, anywhere in one region."""
+
+    number: int
+    region: Shape
+    copies: tuple[Array, ...]  # (4, 4) each: from con to where the estimator takes a copy to be
+    sees: NDArray[np.bool_]  # (copies, V) whether a view's estimate uses it
+    made_mm: Array  # (copies, 3, 3) by which unit normal errors of a copy are multiplied; 0: they are not counted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """What images can tell of one target: projections, slopes of views, noise."""
+
+    projections: Array  # (V, 3, 4), images from that of the target
+    tangents: tuple[Array, ...]  # (D_v, 3, 4) each: changes of a projection that the estimator seeks
+    sizes: tuple[Array, ...]  # the same of their absolute terms
+    whiten: Array  # (2, V, 2, 2): of fiducials and target, 1/px
+    target_mm: Array  # (3,) as the estimator sees it
+    beads: tuple[Beads, ...]
+    spacing_mm: float  # between any two
+
+    @property
+    def unknowns(self) -> int:
+        """D: of the target and of all views."""
+        return 3 + sum(len(each) for each in self.tangents)
+
+    def changes(self, z: Array) -> Iterator[tuple[Array, Array]]:
+        """For each view, what unknowns z (K, D) do to its projection, (K, 3, 4), and the sum of the absolute terms."""
+        first = 3
+        for tangents, sizes in zip(self.tangents, self.sizes, strict=True):
+            own = z[:, first : first + len(tangents)]
+            yield np.einsum("kd,dab->kab", own, tangents), np.einsum("kd,dab->kab", np.abs(own), sizes)
+            first += len(tangents)
+
+
+class Forms(NamedTuple):
+    """Whitened displacements of images, ``y' B y / (w . y)^2`` of where a bead is, y = (x, 1)."""
+
+    quadratic: Array  # (R, K, 4, 4) symmetric
+    size: Array  # (R, K, 4, 4) of absolute terms
+    depth: Array  # (R, 4)
+    moved: Array  # (R, 3, 4) the linear numerator, for each axis along which a bead may be displaced
+    moved_size: Array  # (R, 3, 4)
+
+
+class NoBound(ValueError):
+    """A hypothesis of the bound does not hold: which, in a sentence."""
+
+
+class QuantileBound(NamedTuple):
+    """What no layout within the envelope undercuts."""
+
+    value_mm: float
+    bias_in_words: str  # what became of what is known; empty where nothing is
+
+
+def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> QuantileBound:
+    """Proven to first order: at these half-widths (K,) no layout within the envelope has a smaller quantile.
+
+    net: of :func:`net_of`.  Raises NoBound, with the reason.
+    """
+    to_error, p = term.to_error, term.demand.requirement.quantile
+    least = net.metric
+    for _ in range(2):  # which L is best depends on the law that it makes
+        law = _law_with(term, half_width, to_error @ least @ to_error.T)
+        slopes = law_gradient(law, law_quantile(law, p)).by_covariance
+        least = fit_below(net, to_error.T @ slopes @ to_error)
+    law = _law_with(term, half_width, to_error @ least @ to_error.T)
+    least_mm, bias = _sure_quantile(law, p), term.bias_mm
+    moved = _is_bias_moved(problem)
+    if bias.any() and not moved:
+        level = p if not law.columns.any() else sqrt(2 * p - 1)
+        with_bias = _sure_quantile(replace(law, mean=bias), level)
+        if with_bias > least_mm:
+            at = "" if level == p else f", computed at P{100 * level:.2f} so that it holds with the known bias"
+            return QuantileBound(with_bias, at)
+    return QuantileBound(least_mm, ", without the known bias" if bias.any() or moved else "")
+
+
+def net_of(problem: PlacementProblem, term: DemandTerms) -> Net:
+    """Of all that a problem leaves free, for one demand.  Raises NoBound, with the reason."""
+    if reason := why_none(problem, term):
+        raise NoBound(reason)
+    return find_net(information_of(problem, term))
+
+
+def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choice: Choice) -> GlobalBound:
+    """How far the quantile nearest to its limit is from the best that any layout could reach at the half-widths of a
+    choice, and at the smallest of those that are free; or why that is not known."""
+    reasons = [why_none(problem, term) for term in terms]
+    each = [(_value_at(problem, term, choice), term) for term, no in zip(terms, reasons, strict=True) if not no]
+    value, term = max(each, key=lambda pair: pair[0] / pair[1].demand.requirement.limit, default=(inf, terms[0]))
+    demand, limit = term.demand, term.demand.requirement.limit
+    reached = value if isfinite(value) else None
+    told = GlobalBound(demand.requirement.name, demand.site.name, limit, reached, None, None, None, (), "")
+    try:
+        net = net_of(problem, term)
+        bound = bound_quantile(net, problem, term, choice.half_width)
+        at_least = bound_quantile(net, problem, term, problem.lower) if problem.half_widths else None
+    except NoBound as reason:
+        return replace(told, statement=f"No bound: {reason}.")
+    names, least = left_out(problem, term), float(at_most(bound.value_mm, SAID))
+    tightest = None if at_least is None else float(at_most(at_least.value_mm, SAID))
+    gap = None if reached is None else 100 * (reached / least - 1)
+    own = "" if gap is None else f"; this one has {value:.4g} mm ({gap:.2g} % more)"
+    rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
+    if least > limit:
+        smallest = "" if tightest is None else f" with every free half-width at its smallest ({tightest:g} mm)"
+        if tightest is not None:
+            smallest = (", nor" if tightest > limit else "; it may") + smallest
+        rest = f" So none keeps the limit of {limit:g} mm{smallest}.{rest}"
+    statement = (
+        f"To first order, no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for has, "
+        f"at these tolerances, pivots and views, {demand.text} below {least:g} mm{bound.bias_in_words}{own}. "
+        f"Proven.{rest}"
+    )
+    return replace(
+        told,
+        lower_bound_mm=least,
+        tightest_bound_mm=tightest,
+        gap_percent=gap,
+        left_out=names,
+        statement=statement,
+    )
+
+
+def bound_layouts(design: Design) -> tuple[GlobalBound, ...]:
+    """For each requirement that its ``optimise`` section asks for, what no layout within it undercuts at the design's
+    half-widths, before anything is solved.  Raises DesignError."""
+    with locate_refusals(design):
+        problem = read_request(design).problem
+        terms, here = every_terms(problem), present_choice(problem)
+    return tuple(
+        certify_layout(problem, [term for term in terms if term.demand.requirement.name == requirement.name], here)
+        for requirement in problem.requirements
+    )
+
+
+def _value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
+    """mm; infinite where the layout has no answer."""
+    try:
+        return evaluate_demand(problem, term, choice).exact_mm
+    except IllPosedError:
+        return inf
+
+
+def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
+    """Which hypothesis fails, as far as that is seen at once; empty where none does."""
+    system, demand = problem.system, term.demand
+    if not problem.places:
+        return "no fiducial is free: nothing is left to the layout"
+    if problem.pivots:
+        return "pivots are free, and with them what acts behind the images"
+    if not demand.is_point or demand.lost:
+        return "only an error at a target with all fiducials is bounded"
+    if demand.nested or not demand.requirement.row.by_quantile:
+        return "only a pooled quantile is bounded"
+    if demand.requirement.quantile <= 0.5:
+        return "a quantile of at most P50 is not bounded"
+    if not all(view.fiducial_noise_px > 0 and view.target_noise_px > 0 for view in system.views):
+        return "images without noise can tell anything"
+    return ""
+
+
+def left_out(problem: PlacementProblem, term: DemandTerms) -> tuple[str, ...]:
+    """Labels of what the bound does not count, and which can only add to it."""
+    system = problem.system
+    effects = [each for each in system.errors_of_points if not each.of_target and not _counts(system.manufacturing_law)]
+    names = [each.words for each in effects if not each.acts_at(Place.IMAGES)]
+    names += [each.words for each in (*system.believed_errors, *system.shared_image_errors) if each is not None]
+    bounded = [source.contributor for source in term.sources if source.law is Law.BOUNDED]
+    return tuple(dict.fromkeys((*names, *(f"bounded components of {name}" for name in bounded))))
+
+
+def _counts(law: Law) -> bool:
+    """Whether errors of that law, in the images, are part of the normal covariance that is bounded."""
+    return law is Law.NORMAL
+
+
+def _is_bias_moved(problem: PlacementProblem) -> bool:
+    """Whether part of the known bias comes through the images, and depends on the layout."""
+    system = problem.system
+    moving = any(effect.known.any() for effect in system.shared_image_errors)
+    return moving or any(error is not None and error.known.any() for error in system.believed_errors)
+
+
+def _law_with(term: DemandTerms, half_width: Array, images: Array) -> LinearLaw:
+    """The law about 0 of what acts outside the images, with the covariance images (3, 3) mm^2 in their place; what is
+    bounded stays out: at its worse end it adds."""
+    sources = term.sources
+    widths = np.array([half_width[each.free] if each.free is not None else each.half_width for each in sources])
+    std = widths * np.array([each.std_per_half_width for each in sources])
+    kinds = np.array([KIND[each.law] for each in sources], dtype=np.int64)
+    gains = np.ascontiguousarray(term.gains.base.T)
+    law = law_of(np.zeros(3), Columns(gains, std, widths, kinds, np.zeros(len(sources), dtype=np.int64)))
+    return replace(law, covariance=law.covariance + images)
+
+
+def _sure_quantile(law: LinearLaw, p: float) -> float:
+    """Less what it may be too large by.  Raises NoBound where it is sampled."""
+    found = law_quantile(law, p)
+    if found.method == SAMPLED_METHOD:
+        raise NoBound("the quantile of so many laws that are not normal is sampled")
+    return found.quantile_mm - found.error_mm
+
+
+def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
+    """Of the images of the target of a demand and of all fiducials, wherever they may be."""
+    system, estimation = problem.system, problem.estimation
+    target, turn, shift = term.reconstructed_mm[0], estimation.assumed_turn, estimation.assumed_shift_mm
+    noise = estimation.imaging.estimation
+    whiten = np.linalg.inv(np.stack([noise.noise_of(kind) for kind in (0, 1)]))
+    projections = estimation.projections.copy()
+    images = np.einsum("vab,b->va", projections, np.append(target, 1.0))
+    projections[:, :2] -= (images[:, :2] / images[:, 2:])[:, :, None] * projections[:, 2:]
+    places = {i: place for place in problem.places for i in place.fiducials[:1]}
+    copied = {i for place in problem.places for i in place.fiducials[1:]}
+    identity = np.eye(4)
+    assume = identity.copy()
+    assume[:3] = np.column_stack([turn, shift])
+    copies = [identity, *(_matrix(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
+    groups: dict[tuple[object, ...], Beads] = {}
+    shapes: tuple[Shape, ...] = ()
+    for i, position in enumerate(system.fiducials_mm):
+        if i in copied:
+            continue
+        place = places.get(i)
+        region = BoxRegion(position, position) if place is None else place.region
+        each = (i,) if place is None else place.fiducials
+        std = system.manufacturing_std_mm[list(each)] * _counts(system.manufacturing_law)
+        made = np.stack([turn * axis for axis in std])
+        sees = system.sees[:, list(each)].T > 0
+        maps = tuple(assume @ copies[k] for k in range(len(each)))
+        shapes, which = distinct([*shapes, region])
+        key = which[-1], sees.tobytes(), made.tobytes()
+        number = groups[key].number + 1 if key in groups else 1
+        groups[key] = Beads(number, region, maps, sees, made)
+    known = system.estimator.believes_intrinsics
+    tangents, sizes = zip(*(_tangents(known, each, target) for each in projections), strict=True)
+    return Information(projections, tangents, sizes, whiten, target, tuple(groups.values()), problem.min_spacing_mm)
+
+
+def _matrix(rotation: Array, shift_mm: Array) -> Array:
+    out = np.eye(4)
+    out[:3] = np.column_stack([rotation, shift_mm])
+    return out
+
+
+def _tangents(knows_intrinsics: bool, projection: Array, origin_mm: Array) -> tuple[Array, Array]:
+    """(D, 3, 4) changes of a projection (3, 4) that an estimator seeks, of a size that suits, and of absolute terms.
+
+    With the intrinsics known a turn about the origin and a shift; otherwise all but what only scales it.
+    """
+    local = np.eye(4)
+    local[:3] = np.column_stack([np.eye(3), -origin_mm]) / REACH_MM
+    if knows_intrinsics:
+        moves = np.zeros((6, 4, 4))
+        moves[:3, :3] = np.stack([skew(axis) for axis in np.eye(3)]) @ local[:3]
+        moves[3:, :3, 3] = np.eye(3)
+        return projection @ moves, np.abs(projection) @ np.abs(moves)
+    depth = float(projection[2] @ np.append(origin_mm, 1.0))
+    scale = depth * np.array([1.0, 1.0, 1 / REACH_PX])
+    basis = (np.eye(3)[:, None, :, None] * scale[:, None, None, None] * local[None, :, None, :]).reshape(12, 3, 4)
+    coefficients = (np.linalg.solve(local.T, projection.T).T / scale[:, None]).ravel()
+    across = np.linalg.svd(coefficients[None])[2][1:]
+    tangents = np.einsum("da,abc->dbc", across, basis)
+    return tangents, np.abs(tangents)
+
+
+def forms_of(information: Information, kind: int, place: Array, sees: NDArray[np.bool_], z: Array) -> Forms:
+    """What unknowns z (K, D) do to the images of a point ``place @ (x, 1)`` in the views that see it; kind: 0 of a
+    fiducial, 1 of the target."""
+    quadratic, size, depth, moved, moved_size = [], [], [], [], []
+    for v, (change, sizes) in enumerate(information.changes(z)):
+        if not sees[v]:
+            continue
+        head, head_size = information.projections[v] @ place, np.abs(information.projections[v]) @ np.abs(place)
+        change, sizes = change @ place, sizes @ np.abs(place)
+        turned, turned_size = information.projections[v][:, :3], np.abs(information.projections[v][:, :3])
+        for weights in information.whiten[kind, v]:
+            both, heavy = np.append(weights, 0.0), np.abs(np.append(weights, 0.0))
+            form = _outer(both @ change, head[2]) - _outer(change[:, 2], both @ head)
+            quadratic.append((form + np.swapaxes(form, 1, 2)) / 2)
+            form = _outer(heavy @ sizes, head_size[2]) + _outer(sizes[:, 2], heavy @ head_size)
+            size.append((form + np.swapaxes(form, 1, 2)) / 2)
+            depth.append(head[2])
+            moved.append(_outer(both @ turned, head[2]) - _outer(turned[2], both @ head))
+            moved_size.append(_outer(heavy @ turned_size, head_size[2]) + _outer(turned_size[2], heavy @ head_size))
+    return Forms(*(np.array(each) for each in (quadratic, size, depth, moved, moved_size)))
+
+
+def _outer(first: Array, second: Array) -> Array:
+    """(..., 4) and (4,) -> (..., 4, 4); of scalars (n,) along another axis (n, 4)."""
+    return np.asarray(first[..., None] * second)
+
+
+class Slopes(NamedTuple):
+    """Whitened slopes of images by the unknowns, at points."""
+
+    unknowns: Array  # (n, R, D)
+    moved: Array  # (n, R, 3) by a displacement of the point, mm
+
+
+def slopes_at(information: Information, kind: int, place: Array, sees: NDArray[np.bool_], points: Array) -> Slopes:
+    """At points (n, 3)."""
+    forms = forms_of(information, kind, place, sees, np.eye(information.unknowns))
+    y = np.column_stack([points, np.ones(len(points))])
+    square = ((y @ forms.depth.T) ** 2)[:, :, None]
+    along = np.einsum("na,rkab,nb->nrk", y, forms.quadratic, y, optimize=True)
+    return Slopes(along / square, np.einsum("na,rja->nrj", y, forms.moved) / square)
+
+
+def enclose(forms: Forms, centres: Array, half: Array, reach: Array, displaced: Array) -> Array:
+    """(8, n, K): at each corner of n cells an upper bound of the sum of squares of the whitened displacements anywhere
+    in the cell, as far as it is convex there: the largest of the eight bounds the cell.
+
+    centres (n, 3); half, reach (3,): half the extent of a cell, and of all of them about 0; displaced (n, K, 3) mm:
+    where the point is taken to have been displaced.  A displacement is N(x) / w(x)^2, N quadratic and w linear: with
+    d from the centre, ``1 / w^2 = (1 - 2 s.d / w + E) / w^2``, ``|E| <= 3 r^2 / (1 - r)^4`` where ``|s.d| <= r w``.
+    """
+    y, far = np.column_stack([centres, np.ones(len(centres))]), np.append(reach, 1.0)
+    total = np.zeros((8, len(centres), forms.quadratic.shape[1]))
+    corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
+    for quadratic, size, depth, moved, moved_size in zip(*forms, strict=True):
+        slope = 2 * (y @ quadratic.reshape(-1, 4).T).reshape(len(y), -1, 4)
+        value = (slope @ y[:, :, None])[..., 0] / 2
+        by_move = np.einsum("ja,na->nj", moved, y)
+        value = value - np.einsum("nj,nkj->nk", by_move, displaced)
+        gradient = slope[:, :, :3] - np.einsum("ja,nkj->nka", moved[:, :3], displaced)
+        terms = np.einsum("a,kab,b->k", far, size, far) + np.abs(displaced) @ (moved_size @ far)
+        bend = np.einsum("a,kab,b->k", half, np.abs(quadratic[:, :3, :3]), half)
+        w = y @ depth
+        ratio = np.abs(depth[:3]) @ half / w
+        if not (w > 0).all() or (ratio > 0.5).any():
+            raise NoBound("where fiducials may be reaches the source of a view")
+        excess, ratio, w = (3 * ratio**2 / (1 - ratio) ** 4)[:, None], ratio[:, None], w[:, None]
+        rest = np.abs(value) * excess + (np.abs(gradient) @ half) * (2 * ratio + excess)
+        rest = (rest + bend * (1 + 2 * ratio + excess) + 8 * ROUNDING * terms) / w**2
+        value, gradient = value / w**2, gradient / w[:, :, None] ** 2 - (2 * value / w**3)[:, :, None] * depth[:3]
+        for corner, part in zip(corners, total, strict=True):
+            part += (np.abs(value + gradient @ corner) + rest) ** 2
+    return total
+
+
+class Cells(NamedTuple):
+    """Where beads that are alike may be, in parts."""
+
+    beads: Beads
+    places: tuple[Array, ...]  # (4, 4) of each copy, from coordinates about the middle of the box
+    centres: Array  # (n, 3) about that
+    half: Array  # (3,) of a cell
+    reach: Array  # (3,) of the box
+    apart: bool  # whether at most one bead is in a cell
+    slopes: Array  # (n, R, D) of all copies, whitened by what moves the point too
+
+    @property
+    def evenly(self) -> Array:
+        """(D, D) information of beads spread evenly over the cells."""
+        rows = self.slopes.reshape(-1, self.slopes.shape[2])
+        return np.asarray(self.beads.number / len(self.slopes) * (rows.T @ rows))
+
+    def most(self, values: Array) -> Array:
+        """(K,): the largest sum over the beads of values (n, K) of the cells that they are in."""
+        count = self.beads.number
+        if not self.apart:
+            return np.asarray(count * values.max(axis=0))
+        kept = min(count, len(values))
+        return np.asarray(np.partition(values, len(values) - kept, axis=0)[len(values) - kept :].sum(axis=0))
+
+
+def cells_of(information: Information, beads: Beads) -> Cells:
+    """The region of beads in cells of one size: those that it reaches into."""
+    low, high = bounding_box(beads.region)
+    middle, reach = (low + high) / 2, ((high - low) / 2 + GRID_MM) * (high > low)
+    wide, groups, rows = np.count_nonzero(reach), len(information.beads), 2 * beads.sees.size
+    most = min(MOST_CELLS, MOST_NUMBERS / (rows * information.unknowns)) / groups
+    counts, apart = np.full(3, min(WITHOUT_SPACING, int(most ** (1 / 3)))), False
+    if information.spacing_mm > GRID_MM and wide:
+        edge = NARROWER * (information.spacing_mm - 2 * GRID_MM) / sqrt(wide)
+        finer = np.ceil(2 * reach / edge)
+        if finer.clip(1).prod() <= most:
+            counts, apart = finer, True
+    counts = np.where(reach > 0, counts, 1).astype(int)
+    half = reach / counts
+    axes = [half[k] * (2 * np.arange(counts[k]) + 1 - counts[k]) for k in range(3)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    centres = centres[contains(beads.region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)]
+    places = tuple(copy @ _matrix(np.eye(3), middle) for copy in beads.copies)
+    slopes = []
+    for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
+        own = slopes_at(information, 0, place, sees, centres)
+        by_made = own.moved @ made
+        root = np.linalg.cholesky(np.eye(by_made.shape[1]) + by_made @ np.swapaxes(by_made, 1, 2))
+        slopes.append(np.linalg.solve(root, own.unknowns))
+    return Cells(beads, places, centres, half * (1 + 1e-12), reach * (1 + 1e-12), apart, np.concatenate(slopes, axis=1))
+
+
+def most_known(information: Information, cells: tuple[Cells, ...], z: Array) -> Array:
+    """(K,) U: no layout has more information than that along the first three of unknowns z (K, D), rounded up."""
+    total = known_from_target(information, z)
+    for each in cells:
+        corners = np.zeros((8, len(each.centres), len(z)))
+        for place, sees, made in zip(each.places, each.beads.sees, each.beads.made_mm, strict=True):
+            forms = forms_of(information, 0, place, sees, z)
+            displaced = np.zeros((len(each.centres), len(z), 3))
+            if made.any():
+                # f' (1 + D D')^-1 f is the least of |f - D u|^2 + |u|^2: any u will do, and the best at the centre
+                own = slopes_at(information, 0, place, sees, each.centres)
+                by_made = own.moved @ made
+                seen = own.unknowns @ z.T
+                inner = np.eye(3) + np.swapaxes(by_made, 1, 2) @ by_made
+                units = np.swapaxes(np.linalg.solve(inner, np.swapaxes(by_made, 1, 2) @ seen), 1, 2)
+                displaced = units @ made.T
+                corners += (units**2).sum(axis=2)
+            corners += enclose(forms, each.centres, each.half, each.reach, displaced)
+        total = total + each.most(corners.max(axis=0))
+    return np.asarray(total * (1 + 1e-12))
+
+
+def known_from_target(information: Information, z: Array) -> Array:
+    """(K,) z' F0 z: what the images of the target itself tell, whatever the layout, rounded up."""
+    everywhere = np.ones(len(information.projections), dtype=bool)
+    forms = forms_of(information, 1, _matrix(np.eye(3), information.target_mm), everywhere, z)
+    still, point = np.zeros(3), np.zeros((1, 3))
+    return np.asarray(enclose(forms, point, still, still, -z[None, :, :3]).max(axis=0)[0])
+
+
+def choose_unknowns(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
+    """z (K, D), of target part ``directions`` (K, 3), with nearly the least U: those of the layouts' mixture that knows
+    most along each (a mixture of layouts, to which the best for it is added and whose weights are then improved).
+
+    In floats: a bad choice only makes the bound worse.
+    """
+    base = _target_information(information)
+    uniform = base + sum(each.evenly for each in cells)
+    count, size = len(directions), information.unknowns
+    layouts = np.repeat(uniform[None, None], count, axis=0)
+    weights = np.ones((count, 1))
+    best, least = np.zeros((count, size)), np.full(count, np.inf)
+    for _ in range(ROUNDS):
+        for _ in range(UPDATES if layouts.shape[1] > 1 else 1):
+            z = _solve(_mix(weights, layouts), directions)
+            each = ((layouts.reshape(count, -1, size) @ z[:, :, None]).reshape(count, -1, size) @ z[:, :, None])[..., 0]
+            weights = weights * each / (weights * each).sum(axis=1, keepdims=True)
+        z = _solve(_mix(weights, layouts), directions)
+        known = np.einsum("kd,de,ke->k", z, base, z)
+        added = np.broadcast_to(base, (count, size, size)).copy()
+        for own in cells:
+            told = ((own.slopes @ z.T) ** 2).sum(axis=1)
+            known = known + own.most(told)
+            kept = min(own.beads.number, len(told)) if own.apart else 1
+            picked = own.slopes[np.argpartition(told, len(told) - kept, axis=0)[len(told) - kept :].T]
+            rows = picked.reshape(count, -1, size)
+            added += np.swapaxes(rows, 1, 2) @ rows * (own.beads.number / kept if not own.apart else 1)
+        better = known < least
+        best[better], least[better] = z[better], known[better]
+        share = 1 / (layouts.shape[1] + 1)
+        layouts = np.concatenate([layouts, added[:, None]], axis=1)
+        weights = np.column_stack([weights * (1 - share), np.full(count, share)])
+    return best
+
+
+def _mix(weights: Array, layouts: Array) -> Array:
+    """(K, D, D): information of layouts (K, S, D, D) with weights (K, S)."""
+    flat = weights[:, None] @ layouts.reshape(*weights.shape, -1)
+    return np.asarray(flat.reshape(len(weights), *layouts.shape[2:]))
+
+
+def _solve(information: Array, directions: Array) -> Array:
+    """(K, D): of information (K, D, D) the least ``z' F z`` whose target part is a direction (K, 3)."""
+    rest = -np.linalg.solve(information[:, 3:, 3:], information[:, 3:, :3] @ directions[:, :, None])[..., 0]
+    return np.concatenate([directions, rest], axis=1)
+
+
+def _target_information(information: Information) -> Array:
+    """F0 (D, D): of the target's images, in floats."""
+    everywhere = np.ones(len(information.projections), dtype=bool)
+    own = slopes_at(information, 1, _matrix(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
+    slopes = own.unknowns[0]
+    slopes[:, :3] += own.moved[0]
+    return np.asarray(slopes.T @ slopes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Net:
+    """Planes that no layout's ellipsoid of directions, ``a' M a <= 1``, lies within: see the module."""
+
+    planes: Array  # (F, 3) f
+    metric: Array  # (3, 3) mm^2: the covariance of one mixture of layouts, which tells sizes
+
+
+def find_net(information: Information) -> Net:
+    """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
+    cells = tuple(cells_of(information, beads) for beads in information.beads)
+    mixed = _target_information(information) + sum(each.evenly for each in cells)
+    if np.linalg.cond(mixed[3:, 3:]) > WORST_CONDITION:
+        raise NoBound("fiducials where they may be leave what the views' estimates seek open")
+    metric = np.linalg.inv(mixed[:3, :3] - mixed[:3, 3:] @ np.linalg.solve(mixed[3:, 3:], mixed[3:, :3]))
+    metric = (metric + metric.T) / 2
+    points, faces = spread_directions(FREQUENCY)
+    directions = points @ np.linalg.cholesky(metric).T
+    at_once = max(1, int(MOST_NUMBERS / (ROUNDS * information.unknowns**2)) // 8)
+    parts = [directions[k : k + at_once] for k in range(0, len(directions), at_once)]
+    known = np.concatenate(
+        [most_known(information, cells, choose_unknowns(information, cells, each)) for each in parts]
+    )
+    vertices = directions / np.sqrt(known)[:, None]
+    signed = np.concatenate([vertices, -vertices])
+    planes = np.linalg.solve(signed[faces], np.ones((len(faces), 3, 1)))[..., 0]
+    if np.abs(np.einsum("fva,fa->fv", signed[faces], planes) - 1).max() > INSIDE_ERROR:
+        raise NoBound("the directions are too unlike one another for rounding")
+    return Net(planes, metric)
+
+
+def spread_directions(frequency: int) -> tuple[Array, NDArray[np.int64]]:
+    """Directions (n, 3) and triangles (F, 3) between them and their opposites, n + i that of i: an octahedron whose
+    faces are divided by the frequency.  Half of the triangles are given; the others are their opposites."""
+    places: dict[tuple[int, ...], int] = {}
+    half: list[tuple[int, ...]] = []
+    for point in product(range(-frequency, frequency + 1), repeat=3):
+        if sum(map(abs, point)) == frequency and point > (0, 0, 0):
+            places[point] = len(half)
+            half.append(point)
+
+    def place(point: tuple[int, ...]) -> int:
+        opposite = tuple(-x for x in point)
+        return places[point] if point in places else len(half) + places[opposite]
+
+    faces = []
+    for signs in ((1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1)):
+        for i in range(frequency):
+            for j in range(frequency - i):
+                for corners in (((0, 0), (1, 0), (0, 1)), ((1, 0), (1, 1), (0, 1))):
+                    each = [(i + a, j + b, frequency - i - j - a - b) for a, b in corners]
+                    if min(min(point) for point in each) >= 0:
+                        faces.append([place(tuple(s * x for s, x in zip(signs, point, strict=True))) for point in each])
+    points = np.array(half, dtype=float)
+    return points / np.linalg.norm(points, axis=1, keepdims=True), np.array(faces, dtype=np.int64)
+
+
+def fit_below(net: Net, weight: Array) -> Array:
+    """L (3, 3) mm^2 with nearly the largest ``trace(weight L)`` of those below the covariance of every layout: by
+    Newton's method with a logarithmic barrier, and scaled to keep every plane."""
+    root = np.linalg.cholesky(net.metric)
+    planes = net.planes @ root
+    scale = float(np.einsum("fa,fa->f", planes, planes).max())
+    planes = planes / sqrt(scale)
+    upper = np.triu_indices(3)
+    basis = np.zeros((6, 3, 3))
+    for k, (i, j) in enumerate(zip(*upper, strict=True)):
+        basis[k, i, j] = basis[k, j, i] = 1.0
+    felt = np.einsum("fa,kab,fb->fk", planes, basis, planes)
+    aim = np.einsum("ab,kab->k", root.T @ weight @ root, basis)
+    aim = aim / np.abs(aim).max()
+    x = np.einsum("kab,ab->k", basis, np.eye(3) / 2) / np.einsum("kab,kab->k", basis, basis)
+    barrier = 1.0
+
+    def value(at: Array) -> float:
+        room, matrix = 1 - felt @ at, np.einsum("k,kab->ab", at, basis)
+        sizes = np.linalg.eigvalsh(matrix)
+        if room.min() <= 0 or sizes[0] <= 0:
+            return np.inf
+        return float(-aim @ at / barrier - np.log(room).sum() - np.log(sizes).sum())
+
+    while barrier > LAST_BARRIER:
+        for _ in range(20):
+            room = 1 - felt @ x
+            inverse = np.linalg.inv(np.einsum("k,kab->ab", x, basis))
+            turned = np.einsum("ab,kbc->kac", inverse, basis)
+            gradient = -aim / barrier + (felt / room[:, None]).sum(axis=0) - np.trace(turned, axis1=1, axis2=2)
+            hessian = (felt / room[:, None]).T @ (felt / room[:, None]) + np.einsum("kab,lba->kl", turned, turned)
+            step = np.linalg.solve(hessian, gradient)
+            if gradient @ step < 1e-9:
+                break
+            length, here = 1.0, value(x)
+            while not value(x - length * step) <= here - length * gradient @ step / 4 and length > 1e-12:
+                length /= 2
+            x = x - length * step
+        barrier /= 5
+    found = root @ np.einsum("k,kab->ab", x, basis) @ root.T / scale
+    found = (found + found.T) / 2
+    return np.asarray(found * INSIDE / np.einsum("fa,ab,fb->f", net.planes, found, net.planes).max())
