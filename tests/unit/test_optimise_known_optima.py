@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import brentq, minimize, minimize_scalar
 
 from optimise_scenes import (
     BOX_MM,
@@ -31,8 +31,9 @@ from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, PlacementProblem
-from tailstack.optimisation.certificate import name_binding, price_bounds
-from tailstack.optimisation.exact_law import closed_form_mm
+from tailstack.optimisation.certificate import bound_cost, name_binding, price_bounds
+from tailstack.optimisation.exact_law import closed_form_mm, evaluate_demand
+from tailstack.optimisation.grades import Optimum
 from tailstack.optimisation.placement import PlacementSolution
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
@@ -72,10 +73,16 @@ def test_two_tolerances_on_any_curves(prices: tuple[Price, Price]) -> None:
         return sum(cost(price, float(h)) for price, h in zip(prices, widths(angle), strict=True))
 
     best = minimize_scalar(total, bounds=(1e-3, np.pi / 2 - 1e-3), method="bounded", options={"xatol": 1e-10})
-    solution = solve_placement(at_prices(silent_problem(0.5, ("rx",)), *prices))
+    problem = at_prices(silent_problem(0.5, ("rx",)), *prices)
+    solution = solve_placement(problem)
     np.testing.assert_allclose(solution.choice.half_width, widths(best.x), rtol=1e-4)
     assert solution.cost == pytest.approx(best.fun, rel=1e-5)
     assert 1 - 1e-5 <= solution.worst_ratio <= 1
+    bound = bound_cost(search(problem, starts=1), Optimum.of(solution), solution).lower_bound
+    assert bound is not None
+    assert (
+        (1 - (0.02 if any(price.curve == "exponential" for price in prices) else 1e-4)) * best.fun <= bound <= best.fun
+    )
 
 
 def test_an_axis_without_lever_goes_to_its_bound() -> None:
@@ -363,3 +370,33 @@ def _assert_spacing(layout: Array) -> None:
         assert np.linalg.norm(image[first] - image[second], axis=1).min() >= 25 - 1e-4
         assert np.linalg.norm(image - target[:2] / target[2], axis=1).min() >= 25 - 1e-4
         assert ((image >= 15 - 1e-6) & (image <= 1520 + 1e-6)).all()
+
+
+def test_half_widths_beside_a_uniform_source_are_the_cheapest_there_are() -> None:
+    """scan: 200 ratios of two normal half-widths beside image noise and a uniform source, each as wide as the exact
+    law allows."""
+    problem = first_interface_only(fixed_layout(oracle_problem(8, 0.9, law=Law.NORMAL), cube_fiducials()))
+    free = tuple(item for item in problem.half_widths if item.component != "rz")
+    seat = problem.system.structure_connector
+    laws = tuple(
+        Law.UNIFORM if name == "rz" else law for name, law in zip(seat.sources.names, seat.sources.laws, strict=True)
+    )
+    sources = replace(seat.sources, laws=laws)
+    system = replace(problem.system, structure_connector=replace(seat, sources=sources))
+    problem = replace(problem, system=system, half_widths=free)
+    solution = solve_placement(problem)
+    relaxation = bound_cost(search(problem, starts=1), Optimum.of(solution), solution)
+    assert relaxation.lower_bound is not None
+    (term,) = solution.program.terms
+
+    def cost(angle: float) -> float:
+        """Least along a direction, to 1e-9."""
+        shape = np.array([np.cos(angle), np.sin(angle)])
+
+        def excess(size: float) -> float:
+            return evaluate_demand(problem, term, replace(solution.choice, half_width=size * shape)).exact_mm - 0.9
+
+        return problem.cost(brentq(excess, 1e-5, 0.05, xtol=1e-12) * shape)
+
+    best = min(cost(angle) for angle in np.linspace(0.02, np.pi / 2 - 0.02, 200))
+    assert (1 - 1e-4) * best <= relaxation.lower_bound <= best * (1 + 1e-9)

@@ -20,7 +20,16 @@ from .exact_law import error_moments, evaluate_demand, width_slopes
 from .grades import Optimum
 from .placement import PlacementSolution
 from .prices import cheapest, part_that_holds, slope_of
-from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, unit_of
+from .problem import (
+    Choice,
+    FreeHalfWidth,
+    PlacementProblem,
+    for_people,
+    in_words,
+    label_of,
+    present_choice,
+    unit_of,
+)
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
 from .search import Search
@@ -276,6 +285,8 @@ def bound_cost(search: Search, optimum: Optimum, exact: PlacementSolution | None
         convex = [term for term in exact.program.terms if term.demand.is_convex]
         if convex:
             return _bound_convex(exact, optimum.cost)
+        if proven := _bound_in_logarithms(exact, optimum.cost):
+            return proven
     reason = _no_bound(search, problem)
     if reason is not None:
         return Relaxation("none", optimum.cost or None, None, None, reason)
@@ -328,6 +339,54 @@ def _bound_convex(exact: PlacementSolution, cost: float) -> Relaxation:
         f"the laws, so that the optimum under the declared laws, {at_least(exact.cost, 6)}, is global; from there to "
         f"{at_least(cost, 6)} is the margin of the check",
     )
+
+
+def _bound_in_logarithms(exact: PlacementSolution, cost: float) -> Relaxation | None:
+    """By the dual of the allocation in x = log h, of the limits on quantiles of normal tolerances; None where it is not
+    convex in them.
+
+    ``P(|e| <= L)`` of a sum e about 0 of normal sources of sizes exp(x) and others of symmetric log-concave laws is
+    log-concave in x ((B) theorem: Cordero-Erausquin, Fradelizi and Maurey 2004), so its logarithm F lies below its
+    tangent; and costs ``w exp(-k x)`` are convex.  Limits of other kinds are left out, which only lowers the bound.
+    """
+    problem, widths, point = exact.problem, exact.choice.half_width, exact.iterate.point
+    normal = all(law is Law.NORMAL for law, _ in free_laws(problem))
+    if not normal or any(free.price.curve != "power" for free in problem.half_widths):
+        return None
+    charge, room = np.zeros(len(widths)), 0.0
+    for term, multiplier in zip(exact.program.terms, point.row_multipliers, strict=False):
+        demand, price = term.demand, max(float(multiplier), 0.0) * exact.cost
+        item = evaluate_demand(problem, term, exact.choice)
+        if demand.nested or not demand.requirement.row.by_quantile or term.at_ends or item.mean_mm.any():
+            continue
+        # The row is 2 log r: its slope by x is -2 F' p / (r f), f the density at r; so the price of F is this one's
+        # times 2 p / (r f), and F is above log p by f (L - r) / p.
+        charge += price * width_slopes(problem, term, exact.choice, item)
+        room += 2 * price * (item.limit / item.exact_mm - 1 + item.relative_error)
+    if not charge.any():
+        return None
+    each = zip(problem.half_widths, charge.tolist(), strict=True)
+    best = np.array([_cheapest_in_logarithm(free, pull) for free, pull in each])
+    bound = problem.cost(best) + float(charge @ np.log(best / widths)) - room
+    gap = exact.cost / bound - 1
+    return Relaxation(
+        "convex allocation",
+        exact.cost,
+        bound,
+        100 * gap,
+        f"at this layout no other half-widths within the limits cost less than {at_most(bound, 6)} (duality gap "
+        f"{gap:.1e}): to first order the optimum under the declared laws, {at_least(exact.cost, 6)}, is global (free "
+        "tolerances normal, costs powers, no bias: the chance to be within is log-concave in the logarithms of the "
+        f"half-widths); from there to {at_least(cost, 6)} is the margin of the check",
+    )
+
+
+def _cheapest_in_logarithm(free: FreeHalfWidth, charge: float) -> float:
+    """The half-width with the least ``cost + charge log h``, of a power law."""
+    if charge <= 0:
+        return free.maximum
+    best = (free.price.exponent * free.price.weight / charge) ** (1 / free.price.exponent)
+    return float(min(max(best, free.minimum), free.maximum))
 
 
 def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
