@@ -8,6 +8,7 @@ import gzip
 import random
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,12 @@ from plain_data import DEMO, problems_of
 from tailstack import load_design
 from tailstack.design import design_to_data
 from tailstack.design.surface_files import MOST_TRIANGLES, read_surface
+from tailstack.design.write import Revision, data_to_yaml, revise_design
 from tailstack.errors import DesignError, LimitError, TailstackError
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.mesh import Mesh
 from tailstack.optimisation.surface import NearSurface
+from tailstack_service.operations.revision import OutputFiles, design_text, patch_text
 from tailstack_service.report.scene import surface_lines
 
 BOX_LOW, BOX_HIGH = np.array([-45.0, -45.0, -85.0]), np.array([45.0, 45.0, 15.0])
@@ -214,6 +217,24 @@ def test_a_file_beside_the_design_and_its_content_are_one_design(tmp_path: Path)
     assert design_to_data(named, inline=False) == data_near(b"", content=None, file="part.stl")
     with pytest.raises(DesignError, match=r"files are not read here.*into content"):
         load_design(data_near(b"", content=None, file="part.stl"), base_directory=tmp_path, allow_files=False)
+
+
+def test_a_new_design_beside_the_old_one_names_the_surface_too(tmp_path: Path) -> None:
+    """closed_form: the author's text with other positions; elsewhere it holds the surface; both are the same design."""
+    (tmp_path / "part.stl").write_bytes(binary(box()))
+    (tmp_path / "elsewhere").mkdir()
+    old = tmp_path / "old.yaml"
+    old.write_text("# mine\n" + data_to_yaml(data_near(b"", content=None, file="part.stl")), encoding="utf-8")
+    design = load_design(old)
+    moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 0.5))
+    result: Any = SimpleNamespace(design=design_to_data(moved))
+    for folder, holds in ((tmp_path, False), (tmp_path / "elsewhere", True)):
+        path = folder / "new.yaml"
+        written, _ = design_text(design, result, OutputFiles(path, None))
+        path.write_text(written, encoding="utf-8")
+        assert (written.startswith("# mine"), "content" in written) == (True, holds)
+        assert load_design(path).sha256 == moved.sha256
+    assert "content" not in patch_text(design, result)
 
 
 def test_units_and_a_transform_put_a_surface_into_con() -> None:

@@ -17,6 +17,7 @@ from tailstack.design.document import DesignDocument
 from tailstack.design.fiducial_files import write_fiducials
 from tailstack.design.frames import FRAME_FIELDS
 from tailstack.design.loading import sha256_of
+from tailstack.design.pointers import find_places, replace_value, value_at
 from tailstack.design.reading import decode, read_text
 from tailstack.design.write import data_to_yaml, dump_block, to_json
 from tailstack.design.yaml_text import revise_yaml
@@ -98,7 +99,9 @@ def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tup
     there = _read_design(path)
     base = there if there is not None and there.name == result.design["name"] else None
     new = load_design(result.design)
-    wanted = _with_file(result, new, files, base)
+    wanted, folder = _with_file(result, new, files, base), (base or design).source.directory
+    if folder is not None and path.parent.resolve() == folder.resolve():
+        wanted = _naming_surfaces(wanted, _as_written(base or design))
     if path.suffix.lower() == ".json":
         return to_json(wanted), ""
     base = base or design
@@ -107,7 +110,7 @@ def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tup
         return data_to_yaml(wanted), ""
     with suppress(TailstackError):
         revised = revise_yaml(text, _as_written(base), _like(wanted, _as_written(base)))
-        if _hash_of_text(revised, new) == new.sha256:
+        if _hash_of_text(revised, new, folder) == new.sha256:
             return revised, ""
     return data_to_yaml(wanted), f"{path} is written anew, without its comments: they could not be kept"
 
@@ -172,7 +175,17 @@ def _like(wanted: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
     return dict(made)
 
 
-def _hash_of_text(text: str, new: Design) -> str:
+def _naming_surfaces(wanted: dict[str, Any], old: dict[str, Any]) -> dict[str, Any]:
+    """The wanted data with the files of surfaces, beside which it is written, named and not written out."""
+    for pointer in ("/optimise/region/surface", "/optimise/regions/*/surface"):
+        for place in find_places(old, pointer):
+            if "content" not in value_at(old, place) and (there := value_at(wanted, place)).get("content"):
+                named = {name: value for name, value in there.items() if name != "content"}
+                wanted = replace_value(wanted, place, named)
+    return wanted
+
+
+def _hash_of_text(text: str, new: Design, folder: Path | None) -> str:
     """The hash of a text with the fiducials of the new design, which may be in a file that is not written yet."""
     data = read_text(text, DEFAULT_LIMITS, file=None, directory=None, form="yaml").data
     try:
@@ -180,7 +193,7 @@ def _hash_of_text(text: str, new: Design) -> str:
     except ValueError:
         return ""
     if document.fiducials.points is not None:
-        return load_design(data).sha256
+        return load_design(data, base_directory=folder).sha256
     return sha256_of(document, new.fiducials)
 
 
@@ -190,7 +203,7 @@ def _hash_of_text(text: str, new: Design) -> str:
 def patch_text(design: Design, result: Optimisation) -> str:
     """What to change in a design, as a merge patch (RFC 7396) in YAML."""
     old = _as_written(design)
-    return dump_block(merge_patch(old, _like(result.design, old)))
+    return dump_block(merge_patch(old, _like(_naming_surfaces(result.design, old), old)))
 
 
 def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
