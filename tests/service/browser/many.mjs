@@ -72,7 +72,10 @@ scenarios.pointer = async () => {
   await page.mouse.click(x, y + height / 2);
   found.pressed = [await ends(many, asked.axis), await kept(many)];
   const next = (await grip(1))[0], steps = (await state(page)).steps;
-  for (let k = 1; k < 20 && (await many.locator("path.near").count()) === 0; k += 1) await page.mouse.move((x + next) / 2, y + (k / 20) * height);
+  for (let k = 1; k < 20 && (await many.locator("path.near").count()) === 0; k += 1) {
+    await page.mouse.move((x + next) / 2, y + (k / 20) * height);
+    await drawn(page);
+  }
   found.near = await many.locator("p.near").innerText();
   await page.mouse.down();
   await page.mouse.up();
@@ -90,7 +93,7 @@ scenarios.pointer = async () => {
 // Places of a target as axes, a narrow screen, and what cannot be scored
 scenarios.where = async () => {
   const page = await begun(await newContext({ viewport: { width: 390, height: 844 }, hasTouch: true })), found = {}, many = await opened(page);
-  for (let rows = many.locator("button", { hasText: "×" }); await rows.count(); ) await rows.first().click();
+  for (let rows = many.locator("button", { hasText: "×" }); await rows.count(); await drawn(page)) await rows.first().click();
   found.none = await many.getByText("Nothing varies: choose an axis.").count();
   for (const axis of asked.axes) await many.getByLabel("Let vary, too").selectOption({ label: `${axis}, mm` });
   await number(many, `draw ${asked.axes[0]} up to`, String(asked.far));
