@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from math import log, sqrt
 
 import numpy as np
@@ -30,13 +29,12 @@ from ..results.verdicts import P95
 from ..system import ArrayLike, Effect, Law, Place, Requirement, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import (
-    LawGradient,
     LawQuantile,
     LinearLaw,
-    column_gradient,
-    law_gradient,
     law_quantile,
     law_quantiles,
+    mixture_column_gradient,
+    mixture_gradient,
 )
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
@@ -204,8 +202,9 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     requirement = terms.demand.requirement
     law, where = declared_law(evaluation.model, requirement.error, evaluation.mean_mm)
     columns = [where.get((source.contributor, source.index)) for source in terms.common]
-    quantiles = law_quantiles(law, [level for level, _ in requirement.mixture], requirement.quantile)
-    slopes, by_column = law_slopes(law, requirement, quantiles, columns != [None] * len(columns))
+    near, mixture = requirement.quantile, quantiles_of(law, requirement)
+    slopes = mixture_gradient(law, mixture, near)
+    by_column = mixture_column_gradient(law, mixture, near) if columns != [None] * len(columns) else None
     gains = terms.gains.at(pivot_shift_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
@@ -231,24 +230,16 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
 
 
+def quantiles_of(law: LinearLaw, requirement: Requirement) -> list[tuple[LawQuantile, float]]:
+    """Those of a law that a requirement limits the sum of, each with its weight."""
+    levels, weights = zip(*requirement.mixture, strict=True)
+    return list(zip(law_quantiles(law, levels, requirement.quantile), weights, strict=True))
+
+
 def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """(K,) of the logarithm of a pooled quantile, squared, by the logarithm of each half-width."""
     first = 15 + 3 * len(terms.common)
     return _exact_gradient(problem, terms, choice, evaluation)[first : first + len(choice.half_width)]
-
-
-def law_slopes(
-    law: LinearLaw, requirement: Requirement, quantiles: Sequence[LawQuantile], by_entries: bool
-) -> tuple[LawGradient, Array | None]:
-    """Derivatives of what is limited, and those (3, k) by each entry of the columns, if they are wanted and known;
-    quantiles: of the law, at the levels of the requirement's mixture."""
-    near, slopes, by_entry = requirement.quantile, [], []
-    for (_, weight), quantile in zip(requirement.mixture, quantiles, strict=True):
-        slopes.append([weight * part for part in law_gradient(law, quantile, near=near)])
-        entries = column_gradient(law, quantile, near=near) if by_entries else None
-        by_entry += [] if entries is None else [weight * entries]
-    total = LawGradient(*(reduce(np.add, parts) for parts in zip(*slopes, strict=True)))
-    return total, reduce(np.add, by_entry) if len(by_entry) == len(quantiles) else None
 
 
 def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:

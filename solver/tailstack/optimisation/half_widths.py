@@ -1,8 +1,9 @@
 """The cheapest half-widths at the layout as it is, under the declared laws: while a hand drags the limit.
 
-With the layout fixed a half-width multiplies a column of the law, so nothing is linearised twice: SLSQP gets the cost
-and the exact value of each limit that may hold, with their slopes by the logarithms of the half-widths.  A limit that
-not even the least half-widths keep is no error: the answer says so, and what holds it."""
+With the layout fixed a half-width multiplies a column of the law, so nothing is linearised twice: the exact value of
+each limit that may hold, and its slopes by the logarithms of the half-widths, make a model that SLSQP solves, and that
+is made again where it led until it stands still.  A limit that not even the least half-widths keep is no error: the
+answer says so, and what holds it."""
 
 from __future__ import annotations
 
@@ -26,9 +27,9 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
-from ..tail.declared import law_quantiles
+from ..tail.declared import mixture_gradient
 from .contradictions import refuse_contradictions
-from .exact_law import UNIT_STEP, exact_quantile, law_slopes
+from .exact_law import UNIT_STEP, exact_quantile, quantiles_of
 from .prices import cost_of, slope_of
 from .problem import (
     PlacementProblem,
@@ -43,7 +44,8 @@ from .request import read_request, round_down
 from .terms import linearise_demand
 
 AIM = 3e-6  # of a limit: how far below it the values are brought
-OPTIONS = {"ftol": 1e-6, "maxiter": 200}
+OPTIONS = {"ftol": 1e-9, "maxiter": 200}
+MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 
@@ -182,9 +184,8 @@ class _Held:
         model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
         worst = worst_case(model, requirement.error, requirement.quantile, value=value_of(requirement))
         law, columns = declared_law(model, requirement.error, worst.mean_mm)
-        levels, weights = zip(*requirement.mixture, strict=True)
-        quantiles = law_quantiles(law, levels, requirement.quantile)
-        by, _ = law_slopes(law, requirement, quantiles, by_entries=False)
+        mixture = quantiles_of(law, requirement)
+        by = mixture_gradient(law, mixture, requirement.quantile)
         for k, (b, j) in enumerate(self.places):
             block = model.blocks[b]
             key, moved = (block.contributor, j), block.columns_mm(requirement.error)[:, j]
@@ -194,7 +195,7 @@ class _Held:
                 slopes[k] = worst.signs[key] * half_width[k] * (by.by_mean @ block.gain(requirement.error)[:, j])
             else:
                 slopes[k] = 2 * (moved @ by.by_covariance @ moved)
-        return np.asarray(slopes / (weights @ np.array([each.quantile_mm for each in quantiles])))
+        return slopes / sum(weight * each.quantile_mm for each, weight in mixture)
 
 
 def _hold(problem: PlacementProblem, demand: QuantileConstraint) -> _Held:
@@ -210,32 +211,48 @@ def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
 
     Raises NotConvergedError.
     """
-    bounds = np.log([problem.lower, problem.upper]).T
-    found = np.clip(np.log(present_choice(problem).half_width), *bounds.T)
+    found = np.clip(present_choice(problem).half_width, problem.lower, problem.upper)
     taken: list[_Held] = []
+    more = [max(held, key=lambda each: each.ratio_at(found))]
+    while more:
+        taken += more
+        found = _find_within(problem, taken, found)
+        more = [each for each in held if each not in taken and each.ratio_at(found) > 1]
+    return found
+
+
+def _find_within(problem: PlacementProblem, taken: Sequence[_Held], begin: Array) -> Array:
+    """(K,) the cheapest within these limits.  The square of a value over its limit is taken to be linear in the squares
+    of half-widths, as a mean square is; solved again with the slopes at what was found, until that stands still."""
+    found, cost = begin, np.inf
+    for _ in range(MOST_STEPS):
+        squares = np.array([each.ratio_at(found) / (1 - AIM) for each in taken]) ** 2
+        cost, before = problem.cost(found), cost
+        if abs(cost - before) <= SETTLED * cost and squares.max() <= 1 + AIM:
+            return found
+        by_square = squares[:, None] * np.array([each.slopes_at(found) for each in taken]) / found**2
+        found = _solve_model(problem, squares - by_square @ found**2, by_square, found)
+    detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
+    raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
+
+
+def _solve_model(problem: PlacementProblem, fixed: Array, by_square: Array, begin: Array) -> Array:
+    """(K,) the least cost with ``fixed + by_square h^2 <= 1`` for each limit, over the logarithms of half-widths."""
 
     def log_cost(u: Array) -> tuple[float, Array]:
         width, cost = np.exp(u), problem.cost(np.exp(u))
         slopes = [slope_of(free.price, h) * h for free, h in zip(problem.half_widths, width.tolist(), strict=True)]
         return log(cost), np.array(slopes) / cost
 
-    def room(u: Array) -> Array:
-        return -np.log([each.ratio_at(np.exp(u)) / (1 - AIM) for each in taken])
-
-    def slopes(u: Array) -> Array:
-        return -np.array([each.slopes_at(np.exp(u)) for each in taken])
-
-    more = [max(held, key=lambda each: each.ratio_at(np.exp(found)))]
-    while more:
-        taken += more
-        limits = {"type": "ineq", "fun": room, "jac": slopes}
-        end = minimize(log_cost, found, jac=True, bounds=bounds, constraints=limits, method="SLSQP", options=OPTIONS)
-        if not end.success or room(end.x).min() < -AIM:
-            detail = f"the least cost within the limits was not found: {end.message}"
-            raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
-        found = end.x
-        more = [each for each in held if each not in taken and each.ratio_at(np.exp(found)) > 1]
-    return np.asarray(np.exp(found))
+    limits = {
+        "type": "ineq",
+        "fun": lambda u: 1 - fixed - by_square @ np.exp(2 * u),
+        "jac": lambda u: -2 * by_square * np.exp(2 * u),
+    }
+    bounds = np.log([problem.lower, problem.upper]).T
+    start = np.clip(np.log(begin), *bounds.T)
+    end = minimize(log_cost, start, jac=True, bounds=bounds, constraints=limits, method="SLSQP", options=OPTIONS)
+    return np.asarray(np.clip(np.exp(end.x), problem.lower, problem.upper))
 
 
 def _report(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from math import inf, log, sqrt
 from typing import NamedTuple
 
@@ -139,6 +139,14 @@ class LawGradient(NamedTuple):
     by_log_column: Array  # (k,) mm
 
 
+Quantiles = Sequence[tuple[LawQuantile, float]]  # of one law, each with its weight in a sum
+
+
+def add_gradients(each: Sequence[LawGradient]) -> LawGradient:
+    """Of a sum."""
+    return LawGradient(*(reduce(np.add, parts) for parts in zip(*each, strict=True)))
+
+
 class LawSummary(NamedTuple):
     """What a score says about a law."""
 
@@ -157,7 +165,7 @@ def accuracy_for(p: float, fine: bool) -> Accuracy:
 
 
 class _Terms(NamedTuple):
-    """The terms of a probability, and of a law in a plane or on a line what it does where the mean leaves that."""
+    """The terms of probabilities, and of a law in a plane or on a line what it does where the mean leaves that."""
 
     k: Array  # (n, 3) 1/mm
     even: Array  # (n,) the terms
@@ -192,7 +200,11 @@ class DeclaredLaw:
         return float(end), lattice
 
     def quantile(self, p: float) -> LawQuantile:
-        solution = solve_on_axes(p, self.frame, self.accuracy)
+        """On the lattice that is there, where the radius is one that it serves."""
+        if self._lattice is None or self._lattice.volume == 0.0:
+            solution = solve_on_axes(p, self.frame, self.accuracy)
+        else:
+            solution = solve_on_lattice(p, self.frame, self.accuracy, self._largest, self._lattice)
         if not solution.found:
             r, density, error = self.points.quantile(p)
             return LawQuantile(p, r, density, SAMPLED_METHOD, error)
@@ -230,43 +242,55 @@ class DeclaredLaw:
             return self.points.excess(r)
         return float(excess_integral(r, end, self.frame, lattice.t, lattice.w))
 
-    def gradient(self, total: LawQuantile) -> LawGradient:
-        """By the implicit function theorem, at a quantile of this law; a decade finer than the quantile of this
-        accuracy, as derivatives weight the far terms by up to k^2 more."""
-        terms = None if total.method == SAMPLED_METHOD else self._terms_at(total)
+    def gradient(self, mixture: Quantiles) -> LawGradient:
+        """By the implicit function theorem, of a sum of quantiles of this law; a decade finer than the quantiles of
+        this accuracy, as derivatives weight the far terms by up to k^2 more."""
+        terms = self._terms_of(mixture)
         if terms is not None:
-            return self._lattice_gradient(total, terms)
+            return add_gradients([self._lattice_gradient(each) for each in terms])
         points = sample(self.law.mean, self.law.covariance, self.h, _LOG2_POINTS)
-        by_mean, by_covariance, by_column = points.gradient(total.quantile_mm, self.h)
-        return LawGradient(by_mean, by_covariance, self._by_source(by_column))
+        total = add_gradients(
+            [
+                LawGradient(*(weight * part for part in points.gradient(quantile.quantile_mm, self.h)))
+                for quantile, weight in mixture
+            ]
+        )
+        return total._replace(by_log_column=self._by_source(total.by_log_column))
 
-    def _terms_at(self, total: LawQuantile) -> _Terms | None:
-        """On a lattice of the law moved to mean 0, a decade finer than that of the quantile; None: it has none."""
-        accuracy, radius = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold), total.quantile_mm
-        if self.frame.dimension < 3:
-            radius = sqrt(radius**2 - self.frame.offset)
-        lattice = build(radius, self.frame._replace(mean=np.zeros(3)), accuracy, True)
+    def _terms_of(self, mixture: Quantiles) -> list[_Terms] | None:
+        """Those of each quantile times ``-weight / density``, in space of all in one, on a lattice of the law moved to
+        mean 0, a decade finer than that of the quantiles; None: it has none."""
+        if any(total.method == SAMPLED_METHOD or total.density == 0.0 for total, _ in mixture):
+            return None
+        accuracy, dimension = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold), self.frame.dimension
+        offset = self.frame.offset if dimension < 3 else 0.0
+        each = [(sqrt(total.quantile_mm**2 - offset), -weight / total.density) for total, weight in mixture]
+        lattice = build(max(each)[0], self.frame._replace(mean=np.zeros(3)), accuracy, True)
         if lattice.volume == 0.0:
             return None
         phase = lattice.k @ self.frame.mean
         cosine, sine = np.cos(phase), np.sin(phase)
-        if self.frame.dimension == 3:
-            ball = lattice.w * balls(radius, lattice.t)
-            return _Terms(lattice.k, ball * cosine, ball * sine)
-        ball, rising, bent = (lattice.w * each for each in flat_balls(radius, self.frame.dimension, lattice.t))
-        tilt = np.where(self.frame.sigma > 0.0, 0.0, -(self.law.mean @ self.frame.axes) / radius)
-        first, second = float(rising @ cosine), float(bent @ cosine)
-        return _Terms(lattice.k, ball * cosine, ball * sine, radius, tilt, rising * sine, first, second)
+        if dimension == 3:
+            ball = lattice.w * sum(scale * balls(radius, lattice.t) for radius, scale in each)
+            return [_Terms(lattice.k, ball * cosine, ball * sine)]
+        terms = []
+        for radius, scale in each:
+            ball, rising, bent = (scale * lattice.w * f for f in flat_balls(radius, dimension, lattice.t))
+            tilt = np.where(self.frame.sigma > 0.0, 0.0, -(self.law.mean @ self.frame.axes) / radius)
+            first, second = float(rising @ cosine), float(bent @ cosine)
+            terms.append(_Terms(lattice.k, ball * cosine, ball * sine, radius, tilt, rising * sine, first, second))
+        return terms
 
-    def column_gradient(self, total: LawQuantile) -> Array | None:
+    def column_gradient(self, mixture: Quantiles) -> Array | None:
         """(3, k) by each entry of the columns; None where there is no lattice.
 
         A uniform column h is the factor sin x / x of every term, x = k'h, whose logarithm has the derivative
         ``(cot x - 1 / x) k`` by h.
         """
-        terms = None if total.method == SAMPLED_METHOD or total.density == 0.0 else self._terms_at(total)
-        if terms is None:
-            return None
+        terms = self._terms_of(mixture)
+        return None if terms is None else reduce(np.add, [self._column_gradient(each) for each in terms])
+
+    def _column_gradient(self, terms: _Terms) -> Array:
         k, even, axes = terms.k, terms.even, self.frame.axes
         gradient = np.zeros((3, self.law.kinds.size))
         narrow = np.arange(self.source.size) >= np.unique(self.source).size
@@ -279,11 +303,10 @@ class DeclaredLaw:
             gradient[:, source] += share * (axes @ ((even * slope) @ k))
             if terms.radius:
                 gradient[:, source] += share * (axes @ (terms.rising_odd @ slope * terms.tilt))
-        return gradient * (-1.0 / total.density)
+        return gradient
 
-    def _lattice_gradient(self, total: LawQuantile, terms: _Terms) -> LawGradient:
+    def _lattice_gradient(self, terms: _Terms) -> LawGradient:
         k, even, axes = terms.k, terms.even, self.frame.axes
-        slope = -1.0 / total.density
         by_mean = -terms.odd @ k
         by_covariance = -0.5 * (k.T * even) @ k
         if terms.radius:  # beyond the plane, where the radius in it is sqrt(r^2 - |m|^2): half the Hessian by the mean
@@ -292,7 +315,7 @@ class DeclaredLaw:
             by_mean = by_mean + terms.first * terms.tilt
             by_covariance = by_covariance + 0.5 * (bend - across - across.T)
         by_column = self._by_source(column_slopes(even, k, self.frame.h))
-        return LawGradient(slope * (axes @ by_mean), slope * (axes @ by_covariance @ axes.T), slope * by_column)
+        return LawGradient(axes @ by_mean, axes @ by_covariance @ axes.T, by_column)
 
     def _by_source(self, by_column: Array) -> Array:
         """(k,) sums over the uniform columns of each source."""
@@ -327,11 +350,14 @@ class GaussianLaw:
         """E[(|e| - r)+], mm."""
         return norm_excess(r, self.law.mean, self.law.covariance)
 
-    def gradient(self, total: LawQuantile) -> LawGradient:
-        _, _, by_mean, by_covariance = norm_gradient_jit(self.law.mean, self.law.covariance, total.p)
-        return LawGradient(by_mean, by_covariance, np.zeros(self.law.kinds.size))
+    def gradient(self, mixture: Quantiles) -> LawGradient:
+        each = [
+            [weight * part for part in norm_gradient_jit(self.law.mean, self.law.covariance, total.p)[2:]]
+            for total, weight in mixture
+        ]
+        return add_gradients([LawGradient(m, c, np.zeros(self.law.kinds.size)) for m, c in each])
 
-    def column_gradient(self, total: LawQuantile) -> Array | None:
+    def column_gradient(self, mixture: Quantiles) -> Array | None:
         return np.zeros_like(self.law.columns)
 
 
@@ -423,9 +449,11 @@ def law_quantile(law: LinearLaw, p: float, *, fine: bool = True) -> LawQuantile:
 
 
 def law_quantiles(law: LinearLaw, levels: Sequence[float], near: float) -> list[LawQuantile]:
-    """The quantiles at several levels, to the absolute error of a probability that is fit for one of them."""
+    """The quantiles at several levels, to the absolute error of a probability that is fit for one of them; the largest
+    first, whose lattice serves the others."""
     evaluation = evaluation_of(law, near)
-    return [evaluation.quantile(float(p)) for p in levels]
+    found = {p: evaluation.quantile(float(p)) for p in sorted(levels, reverse=True)}
+    return [found[p] for p in levels]
 
 
 def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
@@ -552,22 +580,31 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
     return LawSummary(quantile, evaluation.excess(0.0), tail_mean, exceedance)
 
 
-def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True, near: float | None = None) -> LawGradient:
-    """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser; near: of
-    :func:`law_quantiles`."""
-    if total.density == 0.0:
-        size = float(np.linalg.norm(law.mean))
-        by_mean = law.mean / size if size > 0 else np.zeros(3)
+def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
+    """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser."""
+    return mixture_gradient(law, [(total, 1.0)], total.p, fine=fine)
+
+
+def mixture_gradient(law: LinearLaw, mixture: Quantiles, near: float, *, fine: bool = True) -> LawGradient:
+    """Derivatives of a sum of quantiles of this law, as :func:`law_quantiles` has them near this probability."""
+    if mixture[0][0].density == 0.0:
+        size, weight = float(np.linalg.norm(law.mean)), sum(weight for _, weight in mixture)
+        by_mean = weight * law.mean / size if size > 0 else np.zeros(3)
         return LawGradient(by_mean, np.zeros((3, 3)), np.zeros(law.kinds.size))
-    return single_evaluation(law, near or total.p, fine).gradient(total)
+    return single_evaluation(law, near, fine).gradient(mixture)
 
 
-def column_gradient(law: LinearLaw, total: LawQuantile, *, near: float | None = None) -> Array | None:
+def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
     """(3, k) derivative of a quantile by each entry of the columns, mm per mm: along a column it is ``by_log_column``.
 
     None where the law has no lattice, and a derivative is not known as exactly as the quantile.
     """
-    return single_evaluation(law, near or total.p).column_gradient(total)
+    return mixture_column_gradient(law, [(total, 1.0)], total.p)
+
+
+def mixture_column_gradient(law: LinearLaw, mixture: Quantiles, near: float) -> Array | None:
+    """:func:`column_gradient` of a sum, as :func:`mixture_gradient`."""
+    return single_evaluation(law, near).column_gradient(mixture)
 
 
 # --- kernels ---------------------------------------------------------------------------------------------------------
@@ -648,10 +685,19 @@ def start_radius(p: float, frame: PrincipalLaw) -> float:
 
 @kernel()
 def solve_on_axes(p: float, frame: PrincipalLaw, accuracy: Accuracy) -> Solution:
-    """The p-quantile in a frame by Halley's steps from Pearson's form, on a lattice that grows where they lead out."""
-    rho = start_radius(p, frame)
-    cap = 1.08 * rho
-    lattice = build(cap, frame, accuracy, False)
+    """The p-quantile in a frame, on a lattice for radii a little above it."""
+    cap = 1.08 * start_radius(p, frame)
+    return solve_on_lattice(p, frame, accuracy, cap, build(cap, frame, accuracy, False))
+
+
+@kernel()
+def solve_on_lattice(p: float, frame: PrincipalLaw, accuracy: Accuracy, cap: float, lattice: Lattice) -> Solution:
+    """The p-quantile in a frame by Halley's steps from Pearson's form, in space from the ball with the density at 0 if
+    that is larger, on a lattice that serves radii up to cap, mm, and grows where they lead out."""
+    start, centre = start_radius(p, frame), lattice.w.sum()
+    if frame.dimension == 3 and centre > 0.0:
+        start = max(start, (0.75 / np.pi * p / centre) ** (1.0 / 3.0))
+    rho = min(start, cap)
     low = 0.0
     for _ in range(60):
         if lattice.volume == 0.0:
