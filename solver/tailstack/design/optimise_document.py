@@ -662,6 +662,7 @@ class SearchSurface(Record):
         default=None,
         description="The bytes of that file, or of it after gzip, in base64, where no file can be read: in a request. "
         "Default: it is read.",
+        examples=["c29saWQgcGFydAplbmRzb2xpZCBwYXJ0Cg=="],
     )
     unit: Literal["um", "mm", "cm", "m", "in"] = Field(
         default="mm", description="What its numbers are in; STL does not say. Default mm.", examples=["mm"]

@@ -15,7 +15,7 @@ Prose = Annotated[str, Field(max_length=2000)]
 Moment = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}(T\d{2}:\d{2}(:\d{2})?Z)?$")]
 
 
-class Version(Record):
+class NamedVersion(Record):
     """The design as it was, by a name."""
 
     name: Name = Field(description="What it is called; unique.", examples=["A"])
@@ -65,7 +65,7 @@ class Comment(Record):
 class Review(Record):
     """Versions and comments.  A comment stays when what it is about is gone."""
 
-    versions: Annotated[list[Version], Field(max_length=50)] = Field(
+    versions: Annotated[list[NamedVersion], Field(max_length=50)] = Field(
         default=[], description="Earlier versions, oldest first. Default none."
     )
     comments: Annotated[list[Comment], Field(max_length=500)] = Field(
@@ -82,6 +82,6 @@ class Review(Record):
                 raise refusal("duplicate-name", f"two versions are called {name!r}", at=f"versions/{index}/name")
         return self
 
-    def version(self, name: str) -> Version | None:
+    def version(self, name: str) -> NamedVersion | None:
         """The version of that name; None where there is none."""
         return next((version for version in self.versions if version.name == name), None)

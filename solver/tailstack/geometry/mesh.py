@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 PIECES = 20_000  # about so many a surface is looked up by
 MOST_PIECES = 8 * PIECES
@@ -158,6 +160,8 @@ class Mesh:
 
     @cached_property
     def _tree(self) -> cKDTree:
+        from scipy.spatial import cKDTree  # a second to import, and few designs name a surface
+
         return cKDTree(self._pieces[0])
 
     @property

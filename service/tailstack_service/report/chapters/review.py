@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tailstack.design.review import Comment, Review, Version
+from tailstack.design.review import Comment, NamedVersion, Review
 from tailstack.results.tables import LONG_TABLE, Column, tabulate
 
 from ...rendering.blocks import Block, Section
@@ -38,5 +38,5 @@ def _pin(comment: Comment) -> str:
     return " ".join(filter(None, (comment.contributor, comment.component))) or "the design"
 
 
-def _kept(version: Version) -> str:
+def _kept(version: NamedVersion) -> str:
     return version.date or ""
