@@ -26,6 +26,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.geometry.mesh import Mesh
 from tailstack.optimisation.surface import NearSurface
 from tailstack_service.operations.revision import OutputFiles, design_text, patch_text
+from tailstack_service.report.chapters.optimisation import design_listing
 from tailstack_service.report.scene import surface_lines
 
 BOX_LOW, BOX_HIGH = np.array([-45.0, -45.0, -85.0]), np.array([45.0, 45.0, 15.0])
@@ -235,6 +236,7 @@ def test_a_new_design_beside_the_old_one_names_the_surface_too(tmp_path: Path) -
         assert (written.startswith("# mine"), "content" in written) == (True, holds)
         assert load_design(path).sha256 == moved.sha256
     assert "content" not in patch_text(design, result)
+    assert "H4s" not in design_listing(result.design, "").text
 
 
 def test_units_and_a_transform_put_a_surface_into_con() -> None:

@@ -395,7 +395,12 @@ def _list_design(design: dict[str, object], caption: str) -> tuple[Block, ...]:
 
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:
-    """A design as text that loads as the same design."""
+    """A design as text that loads as the same design, but for the bytes of surfaces."""
+    from tailstack.design.pointers import find_places, replace_value, value_at
     from tailstack.design.write import data_to_yaml
 
+    for pointer in ("/optimise/region/surface/content", "/optimise/regions/*/surface/content"):
+        for place in find_places(design, pointer):  # base64, by the page
+            count = len(value_at(design, place))
+            design = replace_value(design, place, f"{count} characters of base64, left out here")
     return Listing(data_to_yaml(design).rstrip("\n"), caption)
