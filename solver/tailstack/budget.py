@@ -96,7 +96,7 @@ def _slopes(model: ErrorModel, at: ErrorLaw, gradient: LawGradient) -> Array:
 
     A bounded source has no variance: it moves the mean.
     """
-    gain, std, half_width, kinds, _ = at.columns
+    gain, std, half_width, kinds, *_ = at.columns
     scaled = gain * std
     by_variance = np.where(kinds == NORMAL, (scaled * (gradient.by_covariance @ scaled)).sum(axis=0), 0.0)
     by_variance[at.columns.wide] = gradient.by_log_column / 2

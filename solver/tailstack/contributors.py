@@ -40,11 +40,12 @@ class Columns(NamedTuple):
     half_width: Array  # (K,) native unit
     kinds: NDArray[np.int64]  # (K,) by KIND
     drawn: NDArray[np.int64]  # (K,) ``Drawn.rank``: how often
+    room: Array | None = None  # of ``LinearLaw``
 
     def only(self, which: NDArray[np.bool_]) -> Columns:
         """Of the sources with True in which (K,)."""
         gain = np.compress(which, self.gain, axis=1)  # C-contiguous, as kernels take it
-        return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.drawn[which])
+        return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.drawn[which], self.room)
 
     def held(self, level: Drawn) -> NDArray[np.bool_]:
         """(K,) which stay what they are throughout one ``level`` (a unit, a mounting); the others are drawn again."""
@@ -70,15 +71,17 @@ def columns_of(model: ErrorModel, error: str) -> Columns:
         np.concatenate([block.half_width for block in blocks]),
         np.concatenate([_kinds_of(block.laws) for block in blocks]),
         np.repeat([block.drawn.rank for block in blocks], [len(block.laws) for block in blocks]),
+        model.room,
     )
 
 
 def law_of(mean: Array, *each: Columns) -> LinearLaw:
     """The law at ``mean`` (3,) mm (two vectors: (6,)) that these sources make together; nothing random is left of
     spreads that vanish."""
+    room = each[0].room
     if len(each) > 1:
-        each = (Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*each, strict=True))),)
-    return LinearLaw(mean, *(assemble_law if len(mean) == 3 else assemble_pair)(*each[0][:4]))
+        each = (Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*(one[:5] for one in each), strict=True))),)
+    return LinearLaw(mean, *(assemble_law if len(mean) == 3 else assemble_pair)(*each[0][:4]), room)
 
 
 @kernel()
@@ -203,7 +206,10 @@ def risk_of_units(
     What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
     """
     once = at.columns.held(level)
-    installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
+    installed, shot = (
+        law_of(at.worst.mean_mm, at.columns.only(once)),
+        law_of(np.zeros_like(at.worst.mean_mm), at.columns.only(~once)),
+    )
     return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
 

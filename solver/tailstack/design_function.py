@@ -104,9 +104,6 @@ class DesignFunction:
             raise OutOfRangeError(Problem("/fiducials/loss_probability", "no-derivative", detail, hint))
         chain = chain_of(system)
         metric = _find_metric(system, target, error)
-        if metric.measure.paired:
-            detail = f"P95 of {metric.measure.words} is read from rays: its derivative is not known"
-            raise OutOfRangeError(Problem("", "no-derivative", detail, "take differences of evaluations"))
         points = [each for each in system.targets if each.name in metric.site.weights]
         models = {each.name: linearise_at(chain, each) for each in points}
         law = _Law(models, metric, quantile)
@@ -177,7 +174,7 @@ class _Law:
         """d P95 by one number, per unit of it."""
         error = self.at.error
         total = 0.0
-        gains = [np.zeros((3, len(block.laws))) for block in self.model.blocks]
+        gains = [np.zeros_like(block.gain(error)) for block in self.model.blocks]
         if slope.points_mm is not None:
             each = {name: _slopes_by_points(chain, model, slope.points_mm) for name, model in self.models.items()}
             joined = join(each, *self.metric)
@@ -226,7 +223,7 @@ def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array) -> Err
     ]
     known = images.known_shifts(moved.system)
     biases = {error: slope(sum((each.of(error) for each in known), np.zeros(3))) for error in model.biases}
-    return ErrorModel(model.site, biases, (), tuple(blocks))
+    return ErrorModel(model.site, biases, (), tuple(blocks), None)
 
 
 def _with_points(chain: Chain, points: Array) -> Chain:

@@ -26,6 +26,7 @@ from .estimation.checks import examine, fewest_fiducials
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
+from .measures import MEASURE
 from .propagation.columns import Imaging, assemble_after, gains_of_images, shift_together
 from .propagation.linear import (
     Chain,
@@ -315,8 +316,9 @@ class LossSearch:
         self.metrics = {metric.key: metric for metric in chain.system.metrics}
         self.every = models_of(chain.system, models)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
-        derived = enumerate((each for each in chain.system.derived_metrics if not each.measure.paired), len(models))
-        self.joined = {metric.key: k for k, metric in derived}  # of what is made of the errors at targets
+        # In the arrays behind the targets: of what is made of the errors there, each vector by itself.
+        vectors = [(*each.key, end) for each in chain.system.derived_metrics for end in range(each.measure.vectors)]
+        self.joined = {key: k for k, key in enumerate(vectors, len(models))}
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)
         self._parts = lru_cache(maxsize=None)(self._find_parts)
@@ -354,9 +356,9 @@ class LossSearch:
             gains = LossGains(masks, np.empty((*size, 3)), np.empty((*size, at_flange.shape[2])))
             aims = np.array([model.reconstructed_mm for model in self.models.values()])
             joints = np.zeros((len(self.joined), len(self.place), 3, 3))
-            for j, key in enumerate(self.joined):
-                for name, turn, _ in self._parts(*key):
-                    joints[j, self.place[name]] = turn
+            for j, (name, error, end) in enumerate(self.joined):
+                for target, turn, _ in self._parts(name, error):
+                    joints[j, self.place[target]] = turn[3 * end : 3 * end + 3]
             apart = np.concatenate([np.full(each.sources.count, each.of_target) for each in self._of_images])
             lose(self.chain.imaging, aims, joints, apart, shifts, self._std, weights, gains[1:])
             self._losses[lost] = gains
@@ -391,6 +393,11 @@ class LossSearch:
             if reason:
                 return Loss(self.labels(masks[each]), targets[int(forms[:, each].argmax())], None, reason)
         highest = forms * (1 + (MARGIN if quantile <= P95 else MARGIN_BEYOND_P95))  # what each loss may come to
+        if MEASURE[error].vectors > 1:  # of two, each with half of what may be beyond
+            halved = self._ranking(lost, error, 0.5 * (1 + quantile), tuple(targets)).quantile
+            rooms = (self.metrics[name, error].site.room for name in targets)
+            widest = max(0.0 if room is None else float(room.max()) for room in rooms)
+            highest = halved + MARGIN_BEYOND_P95 * (halved + widest)
         value, worst = 0.0, (t, s)
         while highest.max() > value:
             t, s = divmod(int(highest.argmax()), len(masks))
@@ -513,7 +520,7 @@ class LossSearch:
 
     def _find_parts(self, name: str, error: str) -> list[tuple[str, Array, Array]]:
         """Of each target of a site its name, what a displacement of it in con does to the error (3, 3), and what moves
-        images together does to that beyond the images (3, K + G)."""
+        images together does to that beyond the images (3, K + G); of two vectors 6 in place of the first 3."""
         parts = []
         for target, weights in self.metrics[name, error].site.weights.items():
             model, of_tcp, of_localisation = self.models[target], weights[:, :3], weights[:, 3:]
@@ -521,10 +528,12 @@ class LossSearch:
             parts.append((target, of_tcp @ model.tcp_from_localisation + of_localisation, beyond))
         return parts
 
-    def _frame(self, name: str, error: str) -> tuple[Array, Array]:
-        """To the error's frame from that of ``LossGains`` (3, 3), and what moves images together does beyond them."""
+    def _frame(self, name: str, error: str, rows: slice) -> tuple[Array, Array]:
+        """To the error's frame from that of ``LossGains`` (3, 3), and what moves images together does beyond them; of
+        one vector."""
         _, turns, beyond = zip(*self._parts(name, error), strict=True)
-        return np.eye(3) if (name, error) in self.joined else turns[0], np.sum(beyond, axis=0)
+        is_joined = (name, error, 0) in self.joined
+        return np.eye(3) if is_joined else turns[0], np.sum(beyond, axis=0)[rows]
 
     def _law_without(self, name: str, error: str, quantile: float, mask: Array) -> tuple[LinearLaw, Array]:
         """The law at its bias, fiducials with a 0 in mask (N,) lost, and what its bounded sources do (3, q), mm."""
@@ -557,33 +566,46 @@ class LossSearch:
         every = [block.effect for block in self.every[name, error].blocks for _ in block.laws]
         return np.array([effect.way for effect in every]), np.array([effect.is_grouped for effect in every])
 
-    def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...]) -> Rest:
-        each = [self._find_rest_at(name, error, quantile) for name in targets]
+    def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...], end: int) -> Rest:
+        each = [self._find_rest_at(name, error, quantile, slice(3 * end, 3 * end + 3)) for name in targets]
         return Rest(*map(np.stack, zip(*each, strict=True)))._replace(std=each[0].std)
 
-    def _find_rest_at(self, name: str, error: str, quantile: float) -> Rest:
-        """At one site."""
+    def _find_rest_at(self, name: str, error: str, quantile: float, rows: slice) -> Rest:
+        """At one site, of one vector."""
         law, model = self._law(name, error, quantile), self.every[name, error]
         ways, grouped = self._effects(name, error)
-        gain, std, half_width, kinds, _ = law.columns
+        gain, std, half_width, kinds = law.columns.gain[rows], *law.columns[1:4]
         behind = ways == Way.LINK
         uneven = law.columns.wide & ~grouped
         scaled = gain[:, behind] * std[behind]
         return Rest(
-            *self._frame(name, error),
+            *self._frame(name, error, rows),
             std[ways == Way.SHARED],
-            law.worst.mean_mm - model.imaged_bias_mm(error),
+            (law.worst.mean_mm - model.imaged_bias_mm(error))[rows],
             scaled @ scaled.T,
             *columns_in_cumulants(gain[:, uneven] * half_width[uneven], kinds[uneven]),
         )
 
     def _rank(self, lost: int, error: str, quantile: float, targets: tuple[str, ...]) -> Ranking:
-        losses, rest = self.losses(lost), self._rest(error, quantile, targets)
-        which = [self.joined[name, error] if (name, error) in self.joined else self.place[name] for name in targets]
-        size = len(which), len(losses.kept)
-        ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
-        rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
-        return ranking
+        """Of two vectors the longer's quantile, less the room that it has in any case, and the cumulants and
+        covariances of both side by side."""
+        losses, each, size = self.losses(lost), [], (len(targets), self.losses(lost).kept.shape[0])
+        for end in range(MEASURE[error].vectors):
+            which = [self.joined.get((name, error, end), self.place.get(name, 0)) for name in targets]
+            ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
+            rest = self._rest(error, quantile, targets, end)
+            rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
+            rooms = [self.metrics[name, error].site.room for name in targets]
+            spare = [0.0 if room is None else room[3 * end : 3 * end + 2].min() for room in rooms]
+            each.append(ranking._replace(quantile=np.maximum(ranking.quantile - np.array(spare)[:, None], 0.0)))
+        if len(each) == 1:
+            return each[0]
+        first, last = each
+        return Ranking(
+            np.maximum(first.quantile, last.quantile),
+            np.concatenate([first.cumulants, last.cumulants], axis=2),
+            np.concatenate([first.covariance, last.covariance], axis=2),
+        )
 
 
 def search_losses(system: System) -> LossSearch | None:

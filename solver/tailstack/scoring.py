@@ -145,8 +145,7 @@ def _levers(
         models = [metrics[name, item.error].model for name in item.targets]
         by_budget = item.error == "tcp" and item.is_quantile and item.risk == "pooled" and item.quantile == P95
         budgets = [each.contributors for each in told if by_budget and each.name in item.targets]
-        if not MEASURE[item.error].paired:
-            yield from list_levers(None if isinstance(design, System) else design.document, item, models, budgets)
+        yield from list_levers(None if isinstance(design, System) else design.document, item, models, budgets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +194,7 @@ def _losses(
     """What losses do to every requirement; without one, to P95 of the error at the tool."""
     losses = []
     for item in _limited(system):
-        if not item.is_quantile or MEASURE[item.error].paired:  # what is lost is looked for by quantiles of one length
+        if not item.is_quantile:  # what is lost is looked for by quantiles
             continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
@@ -313,7 +312,7 @@ def _score_metrics(
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
     at = error_law(model, error, P95)
     limit = tightest_limit(system, model.site, error)
-    if search is None or not system.loss_probability or MEASURE[error].paired:
+    if search is None or not system.loss_probability:
         return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
     return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 

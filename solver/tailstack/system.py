@@ -24,7 +24,7 @@ from .laws import Law as Law
 from .laws import count_sigmas
 from .levels import Drawn, level_of
 from .measures import MEASURE, Metric, derived_of, metrics_of
-from .measures.measure import MeasuredBody
+from .measures.measure import Channel, MeasuredBody
 from .statistic import STATISTIC, Mixture, Statistic, write_text
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
@@ -459,7 +459,7 @@ class Target:
     region: str | None = None  # the target region it samples, if any
     direction: Array | None = None  # (3,) con: in which an instrument comes to it
     entry: str | None = None  # name of the target through which it comes, and which tells the direction
-    corridor_mm: float | None = None  # radius about the planned axis within which the executed one has to stay
+    channel: Channel | None = None  # about the planned axis, in which the executed one has to stay
 
 
 @dataclass(frozen=True, slots=True, eq=False)

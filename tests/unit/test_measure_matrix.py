@@ -53,12 +53,8 @@ trajectory and a body has a requirement on it, and the consumer has to meet it, 
 
 """
 BUDGET = "the budget by effects, and the histogram of a report, are of the errors at one target"
-PAIRED = "a corridor is kept by both ends, whose joint law is sampled:"
 HOLES = {  # by consumer: measures that it does not take, and the words of the page
     "budget": (lambda measure: measure not in POINTS, BUDGET),
-    "units": (lambda measure: measure.paired, f"{PAIRED} its requirement is on all shots together"),
-    "losses": (lambda measure: measure.paired, f"{PAIRED} which loss is worst is not looked for"),
-    "derivative": (lambda measure: measure.paired, f"{PAIRED} the sample has none; take differences"),
 }
 COORDINATE = "/fiducials/points/0/position_mm/0"
 

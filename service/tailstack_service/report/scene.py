@@ -27,6 +27,7 @@ from tailstack.design.optimise_document import (
 )
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
+from tailstack.measures.measure import Channel
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
 
@@ -170,6 +171,21 @@ def cylinder_lines(base: Array, axis: Array, height_mm: float, radius_mm: float)
     rim = circle(base, axis, radius_mm)
     walls = [np.array([rim[k], rim[k] + along]) for k in range(0, CIRCLE, CIRCLE // 4)]
     return [rim, rim + along, *walls]
+
+
+def channel_lines(begin: Array, end: Array, channel: Channel, times: float) -> Lines:
+    """Both rims and four lines along the wall, half-axes so many times as long; con, mm."""
+    along = unit(end - begin)
+    first, second = across(along)
+    if channel.major is not None:
+        second = unit(np.cross(along, channel.major))
+        first = np.cross(second, along)
+    angles = np.linspace(0.0, 2 * np.pi, CIRCLE + 1)[:, None]
+    rims = [
+        centre + times * (major * np.cos(angles) * first + minor * np.sin(angles) * second)
+        for centre, (major, minor) in ((begin, channel.entry_mm), (end, channel.end_mm))
+    ]
+    return [*rims, *(np.array([rims[0][k], rims[1][k]]) for k in range(0, CIRCLE, CIRCLE // 4))]
 
 
 def ball_lines(centre: Array, radius_mm: float) -> Lines:
@@ -504,10 +520,9 @@ def trajectories(system: System, magnification: float) -> list[Item]:
             title = f"{name}: executed axis of shot {shot + 1} of a simulation, seed 0"
             ends = points_of([begin + found[first, :, shot], end + found[last, :, shot]])
             items.append(Item("line", "executed", "executed", ends, "", title))
-        if target.corridor_mm is not None:
-            length, radius = float(np.linalg.norm(end - begin)), magnification * target.corridor_mm
-            title = f"corridor of {name}: radius {target.corridor_mm:g} mm"
-            lines = cylinder_lines(begin, end - begin, length, radius)
+        if target.channel is not None:
+            title = f"corridor of {name}: {target.channel.words}"
+            lines = channel_lines(begin, end, target.channel, magnification)
             items += [Item("line", "corridor", "corridor", points_of(line), "", title) for line in lines]
     return items
 

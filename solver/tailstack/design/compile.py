@@ -251,7 +251,9 @@ def _requirement(item: RequirementDocument, pointer: str, names: list[str], metr
     if not sites:
         detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
         raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, f"it takes {MEASURE[item.error].needs}"))
-    asked = item.statistic, item.n, item.limit_probability
+    asked: tuple[str, int | None, float | None] = item.statistic, item.n, item.limit_probability
+    if item.risk != "pooled" and item.limit_probability is not None:
+        asked = "quantile", None, None  # each unit keeps its share beyond the limit where it keeps its own quantile
     return Requirement(
         item.name,
         item.error,

@@ -6,7 +6,7 @@ a target stands for: itself, or samples of its region.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, product
 from math import comb
 
@@ -19,6 +19,7 @@ from ..errors import Problem
 from ..fields import INTERFACES, Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import RotationForm
+from ..measures.measure import Channel
 from ..measures.rigid_body import condition_number, spread_of
 from ..results import Vector3
 from ..system import ROTATIONS, TRANSLATIONS, Target
@@ -49,6 +50,7 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
         if target.entry is not None:
             points = [t.name for t in document.targets if t.position_mm not in (None, target.position_mm)]
             problems += find_unknown(f"/targets/{index}/entry", "target elsewhere", target.entry, points)
+            problems += _major_along(index, target, {t.name: t.position_mm for t in document.targets})
     promised = [item.name for item in document.requirements]
     problems += find_duplicates(promised, "/requirements/{}/name".format, "requirements")
     for index, view in enumerate(document.views):
@@ -69,6 +71,19 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     checks = [(kind.check, record) for kind in EFFECTS if kind.check for record in hosts[kind.host]]
     problems += [found for check, record in checks for found in check(record, pivots)]
     return problems + check_optimise(document, limits.fiducials)
+
+
+def _major_along(index: int, target: TargetDocument, places: Mapping[str, Vector3 | None]) -> list[Problem]:
+    """A channel's major half-axis along the channel, which tells no direction across it."""
+    entry, major = places.get(target.entry or ""), target.corridor_major_direction
+    if major is None or entry is None or target.position_mm is None:
+        return []
+    ahead = np.subtract(target.position_mm, entry)
+    if np.linalg.norm(np.cross(ahead, major)) > 1e-3 * np.linalg.norm(ahead) * np.linalg.norm(major):
+        return []
+    detail = f"{list(major)} is along the trajectory from {target.entry}: it tells no direction across it"
+    hint = "give a direction across, such as that of the longer diameter of the pedicle"
+    return [Problem(f"/targets/{index}/corridor_major_direction", "along-trajectory", detail, hint)]
 
 
 def find_pivots(document: DesignDocument) -> dict[str, Vector3]:
@@ -419,10 +434,20 @@ def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     """The named points of a target; a region's are called name[0], name[1], ..."""
     if target.region is None:
         direction = None if target.direction is None else frozen(target.direction)
-        return (Target(target.name, frozen(target.position_mm), None, direction, target.entry, target.corridor_mm),)
+        place = frozen(target.position_mm)
+        return (Target(target.name, place, None, direction, target.entry, _channel_of(target)),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])
+
+
+def _channel_of(target: TargetDocument) -> Channel | None:
+    if target.corridor_mm is None:
+        return None
+    entry, end = target.corridor_entry_mm or target.corridor_mm, target.corridor_mm
+    more = 0.0 if target.corridor_major_mm is None else target.corridor_major_mm - target.corridor_mm
+    major = None if target.corridor_major_direction is None else frozen(target.corridor_major_direction)
+    return Channel((entry + more, entry), (end + more, end), major)
 
 
 def _box_points(region: Region) -> list[Array]:

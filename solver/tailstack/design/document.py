@@ -828,11 +828,45 @@ class TargetDocument(Record):
         "axis is beyond it, and by more than 2, 4 and 6 mm.",
         examples=[1.5],
     )
+    corridor_entry_mm: Annotated[Length, LIMIT_MM] | None = Field(
+        default=None,
+        description="Of a cone: the same radius where the instrument enters, mm. Default corridor_mm, a cylinder.",
+        examples=[3.0],
+    )
+    corridor_major_mm: Annotated[Length, LIMIT_MM] | None = Field(
+        default=None,
+        description="Of an elliptic channel: its larger half-axis, mm; corridor_mm is the smaller one. Beyond it by so "
+        "much is outside of half-axes that are both longer by that.",
+        examples=[3.0],
+    )
+    corridor_major_direction: Direction | None = Field(
+        default=None,
+        description="Required beside corridor_major_mm: in which direction the larger half-axis lies, in con; what of "
+        "it is along the trajectory does not count.",
+        examples=[[0.0, 0.0, 1.0]],
+    )
+
+    @model_validator(mode="after")
+    def _corridor(self) -> TargetDocument:
+        if self.corridor_mm is not None and self.entry is None:
+            raise refusal("unused-field", "corridor_mm is read only beside entry: NAME", at="corridor_mm")
+        for name in ("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction"):
+            if getattr(self, name) is not None and self.corridor_mm is None:
+                raise refusal("unused-field", f"{name} is read only beside corridor_mm", at=name)
+        if (self.corridor_major_mm is None) != (self.corridor_major_direction is None):
+            left = "corridor_major_mm" if self.corridor_major_mm is None else "corridor_major_direction"
+            raise refusal("missing-field", "corridor_major_mm and corridor_major_direction go together", f"add {left}")
+        if self.corridor_major_mm is not None and self.corridor_major_mm < (self.corridor_mm or 0.0):
+            detail = f"corridor_major_mm is {self.corridor_major_mm:g}, less than corridor_mm, {self.corridor_mm:g}"
+            raise refusal("out-of-range", detail, "the larger half-axis is corridor_major_mm", "corridor_major_mm")
+        if self.corridor_major_direction is not None and max(map(abs, self.corridor_major_direction)) < 1e-9:
+            raise refusal("zero-direction", "a direction is not [0, 0, 0]", at="corridor_major_direction")
+        return self
+
+    _as_before = leave_out_later(dict.fromkeys(("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction")))
 
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:
-        if self.corridor_mm is not None and self.entry is None:
-            raise refusal("unused-field", "corridor_mm is read only beside entry: NAME", at="corridor_mm")
         stated = [name for name in ("direction", "entry") if getattr(self, name) is not None]
         if stated and (self.region is not None or len(stated) > 1):
             detail = "beside position_mm stands direction or entry, beside region neither"
@@ -964,14 +998,13 @@ class RequirementDocument(Record):
         if self.risk == "pooled" and self.min_yield is not None:
             risks = " or ".join(RISKS[1:])
             raise refusal("unused-field", f"min_yield is read only with risk: {risks}", at="min_yield")
-        if self.risk != "pooled" and MEASURE[self.error].paired:
-            raise refusal("unused-field", f"{self.error} is read over all shots together", "risk: pooled", "risk")
         if self.risk != "pooled" and self.min_yield is None:
             raise refusal("missing-field", f"risk: {self.risk} needs min_yield", "min_yield: 0.95")
-        if self.risk != "pooled" and STATISTIC[self.statistic].of_law is not None:
+        if self.risk != "pooled" and not STATISTIC[self.statistic].by_quantile:
             each = self.risk.removeprefix("per_")
             detail = f"each {each} has a limit on its own quantile; the {self.statistic} is over all {each}s together"
-            raise refusal("unused-field", detail, "statistic: quantile or max_of_n, or risk: pooled", at="risk")
+            hint = "statistic: quantile, probability or max_of_n, or risk: pooled"
+            raise refusal("unused-field", detail, hint, at="risk")
         return self
 
     @model_validator(mode="after")

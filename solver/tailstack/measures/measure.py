@@ -24,6 +24,29 @@ DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of thes
 DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
 
 
+class Channel(NamedTuple):
+    """What the axis of an instrument has to stay in: an ellipse across it at either end, straight in between."""
+
+    entry_mm: tuple[float, float]  # half-axes where it enters, the major one first
+    end_mm: tuple[float, float]
+    major: Array | None = None  # (3,) con, along the major ones as far as it is across; None: circles
+
+    @property
+    def narrowest_mm(self) -> float:
+        """The smallest half-axis."""
+        return min(*self.entry_mm, *self.end_mm)
+
+    @property
+    def words(self) -> str:
+        """Of what size, for people."""
+        ends = [
+            f"{minor:g}" if self.major is None else f"{minor:g} by {major:g}"
+            for major, minor in (self.entry_mm, self.end_mm)
+        ]
+        name = "radius" if self.major is None else "half-axes"
+        return f"{name} {ends[1]} mm" + ("" if ends[0] == ends[1] else f", {ends[0]} mm at the entry")
+
+
 class MeasuredTarget(Protocol):
     """A target, as a measure sees it."""
 
@@ -36,7 +59,7 @@ class MeasuredTarget(Protocol):
     @property
     def entry(self) -> str | None: ...  # name of the target at which an instrument enters that comes to this one
     @property
-    def corridor_mm(self) -> float | None: ...  # radius within which its axis has to stay
+    def channel(self) -> Channel | None: ...  # in which its axis has to stay
 
 
 class MeasuredBody(NamedTuple):
@@ -69,6 +92,7 @@ class Site:
     exact: Exact | None = None
     """Where the above is no more than first order: e (3, n) of n trials, from their errors by target (6, n)."""
     corridor_mm: float | None = None  # beyond which, and by so much more, breaches are counted
+    room: Array | None = None  # (6,) of two vectors: half-axes beyond the narrowest, within which lengths are equal
 
     @property
     def is_scalar(self) -> bool:
@@ -92,6 +116,11 @@ class Measure:
     calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
     paired: bool = False  # whether e is two vectors, weights (6, 6), and its number the length of the longer
     first_order: str = ""  # where that is of something else: behind why it decides nothing, what it is of
+
+    @property
+    def vectors(self) -> int:
+        """How many e is."""
+        return 2 if self.paired else 1
 
     @property
     def limit_field(self) -> str:

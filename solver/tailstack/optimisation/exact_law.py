@@ -160,7 +160,7 @@ def _unit_quantile(
         gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(requirement.error) for block in model.blocks]
         columns = columns._replace(gain=np.concatenate(gains, axis=1))
     once = columns.held(demand.level)
-    laws = law_of(mean_mm, columns.only(once)), law_of(np.zeros(3), columns.only(~once))
+    laws = law_of(mean_mm, columns.only(once)), law_of(np.zeros_like(mean_mm), columns.only(~once))
     return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
 

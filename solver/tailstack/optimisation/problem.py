@@ -314,8 +314,8 @@ def name_held(requirement: Requirement, of: str) -> str:
 def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstraint, ...]:
     """A requirement at every site of its measure that it names, in the order of the system.
 
-    Of the longer of two vectors each has the limit by itself, and half of what may be beyond: then no more is (the
-    probability of either is at most the sum of both).
+    Of the longer of two vectors each has the limit by itself, and half of what may be beyond, of shots and of units or
+    mountings: then no more is (the probability of either is at most the sum of both).
     """
     targets, demands = {target.name: target for target in system.targets}, []
     for measure, site in system.metrics:
@@ -324,9 +324,13 @@ def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstr
         if not measure.paired:
             demands.append(QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights)))
             continue
-        half = replace(requirement, quantile=(1 + requirement.quantile) / 2)
+        fraction = None if requirement.units_fraction is None else (1 + requirement.units_fraction) / 2
+        half = replace(requirement, quantile=(1 + requirement.quantile) / 2, min_yield=fraction)
+        room = np.zeros(6) if site.room is None else site.room
+        scale = requirement.limit / (requirement.limit + room)  # within the limit then just where it is now
         for name, weights in site.weights.items():
-            alone = replace(site, weights={name: weights[weights.any(axis=1).argmax() :][:3]}, exact=None)
+            rows = slice(first := int(weights.any(axis=1).argmax()), first + 3)
+            alone = replace(site, weights={name: weights[rows] * scale[rows, None]}, exact=None, room=None)
             demands.append(QuantileConstraint(half, alone, (targets[name],), place=name))
     return tuple(demands)
 

@@ -309,13 +309,14 @@ class ErrorModel:
     biases: Mapping[str, Array]  # (3,) by the name of the measure, in its frame and unit
     known: tuple[KnownShift, ...]  # parts of the biases
     blocks: tuple[Block, ...]
+    room: Array | None  # of ``Site``
 
     def bias_mm(self, error: str) -> Array:
         return self.biases[error]
 
     def imaged_bias_mm(self, error: str) -> Array:
         """(3,) the part of the bias that comes through the images, and depends on the layout."""
-        return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
+        return np.asarray(sum((each.of(error) for each in self.known), np.zeros_like(self.bias_mm(error))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -407,7 +408,7 @@ def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> Erro
             shifts[key] = shifts.get(key, 0.0) + weigh(weights, known.of)
     bias = np.sum([weigh(weights, model.bias_mm) for model, weights in parts], 0)
     shared = tuple(KnownShift(*key, {measure.name: shift}) for key, shift in shifts.items())
-    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks))
+    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks), site.room)
 
 
 class ValidityGrounds(NamedTuple):
@@ -469,6 +470,7 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | ValidityGrou
         biases=biases,
         known=known,
         blocks=tuple(blocks),
+        room=None,
         tcp_from_localisation=to_tcp,
         tcp_from_flange=from_moved,
         manufacturing_block_diagonal=eq16_manufacturing(chain, columns),
@@ -673,4 +675,4 @@ def with_perfect_fiducials(model: ErrorModel, error: str) -> ErrorModel:
     rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
     if not model.imaged_bias_mm(error).any():
         return replace(model, blocks=rest)
-    return replace(model, blocks=rest, biases=dict.fromkeys(model.biases, np.zeros(3)))
+    return replace(model, blocks=rest, biases={name: np.zeros_like(bias) for name, bias in model.biases.items()})

@@ -144,7 +144,10 @@ def _rank(law: LinearLaw, means: Array, p: float, value: Callable[[LinearLaw], f
     longer."""
     if value is not None:
         nothing = np.zeros((len(law.mean), 0)), np.zeros(0, dtype=np.int64)
-        return np.array([value(LinearLaw(mean, law.total_covariance, *nothing)) for mean in means])
+        return np.array([value(LinearLaw(mean, law.total_covariance, *nothing, law.room)) for mean in means])
+    if law.room is not None:  # as they are near the quantile of the first
+        r = law_quantile(replace(law, mean=means[0]), p).quantile_mm
+        law, means = law.narrowed(r), means * law.scale_at(r)
     ends = zip(law.ends, np.split(means, len(law.ends), axis=1), strict=True)
     each = [norm_quantiles(p, np.ascontiguousarray(own), end.total_covariance) for end, own in ends]
     return np.asarray(np.max(each, axis=0))
@@ -155,7 +158,7 @@ def _probabilities(law: LinearLaw, means: Array, worst: LawQuantile, p: float) -
     far they may be off)."""
     r, out = worst.quantile_mm, np.ones(len(means))
     # |m + xi| <= |m| + |xi|: a vertex nearer to 0 than r by the p-quantile of |xi| keeps p
-    own = law_quantile(replace(law, mean=np.zeros(3)), p, fine=False)
+    own = law_quantile(replace(law, mean=np.zeros_like(law.mean)), p, fine=False)
     open_vertices = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
     if worst.method == SAMPLED_METHOD and open_vertices.size > _FEW:
         points = sample(law.mean, law.covariance, lattice_columns(law)[0], _LOG2_POINTS)

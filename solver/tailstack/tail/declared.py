@@ -51,7 +51,7 @@ from .lattice import (
     reach_of,
     sum_of_products,
 )
-from .pairs import LOG2_POINTS, LOG2_RARE, PairSample, mean_and_error, sample_pair
+from .pairs import LOG2_POINTS, LOG2_RARE, PairGradient, PairSample, mean_and_error, sample_pair
 from .sampling import Sample, sample
 
 _WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
@@ -71,6 +71,7 @@ _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
+SMALLEST_MM = 1e-12
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
 
 
@@ -79,13 +80,15 @@ class LinearLaw:
     """e = mean + N(0, covariance) + columns @ u, in mm; any frame, the same for all three.
 
     columns are already multiplied by the half-widths: column j is the displacement at u_j = 1.  Of two vectors that go
-    together (6 in place of 3) |e| is the length of the longer.
+    together (6 in place of 3) |e| is the length of the longer; with room, the smallest r at which both are within
+    ellipsoids of half-axes r + room.
     """
 
     mean: Array  # (3,) mm
     covariance: Array  # (3, 3) mm^2: the Gaussian part only
     columns: Array  # (3, k) mm
     kinds: NDArray[np.int64]  # (k,) places in SUMS
+    room: Array | None = None  # (6,) mm, of two vectors; 0 or more, the least of them 0
 
     @property
     def total_covariance(self) -> Array:
@@ -101,6 +104,19 @@ class LinearLaw:
             LinearLaw(self.mean[k], np.ascontiguousarray(self.covariance[k, k]), np.ascontiguousarray(h), self.kinds)
             for k, h in ((k, self.columns[k]) for k in (slice(0, 3), slice(3, 6)))
         )
+
+    def narrowed(self, r: float) -> LinearLaw:
+        """The law without room whose lengths are within r where those of this one are."""
+        if self.room is None:
+            return self
+        scale = self.scale_at(r)
+        covariance = self.covariance * np.outer(scale, scale)
+        return LinearLaw(self.mean * scale, covariance, self.columns * scale[:, None], self.kinds)
+
+    def scale_at(self, r: float) -> Array:
+        """(6,) by which components of two vectors are multiplied then."""
+        r = max(r, SMALLEST_MM)  # a radius of 0 has a law, too
+        return np.ones(6) if self.room is None else r / (r + self.room)
 
 
 def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
@@ -368,11 +384,26 @@ class PairLaw:
     """
 
     def __init__(self, law: LinearLaw, p: float, fine: bool) -> None:
-        self.law = law
+        self.law, self.p, self.fine = law, p, fine
+        self.room = np.zeros(6) if law.room is None else law.room
         members = [single_evaluation(end, p, fine) for end in law.ends]
         quantiles = [member.quantile(p) for member in members]
-        self.first = int(quantiles[1].quantile_mm > quantiles[0].quantile_mm)
-        self.longer, self.alone = members[self.first], quantiles[self.first]
+        self.highest = max(quantile.quantile_mm for quantile in quantiles)  # that one alone is not beyond at p
+        each = [quantile.quantile_mm - least for quantile, least in zip(quantiles, self._least_room, strict=True)]
+        self.first = int(each[1] > each[0])
+        self._longer, self.alone = members[self.first], quantiles[self.first]
+
+    @property
+    def _least_room(self) -> list[float]:
+        """Of the components in which each vector varies, mm."""
+        moves = (self.law.total_covariance.diagonal() > 0.0) | (self.law.mean != 0.0)
+        return [float(self.room[k][moves[k]].min(initial=inf)) for k in (slice(0, 3), slice(3, 6))]
+
+    def longer_at(self, r: float) -> DeclaredLaw | GaussianLaw:
+        """The first alone, as it is within r."""
+        if self.law.room is None:
+            return self._longer
+        return single_evaluation(self.law.narrowed(r).ends[self.first], self.p, self.fine)
 
     @cached_property
     def points(self) -> PairSample:
@@ -384,27 +415,25 @@ class PairLaw:
         return self._sample(LOG2_RARE)
 
     def _sample(self, log2_points: int) -> PairSample:
-        return sample_pair(self.law.mean, self.law.covariance, self.law.columns, self.law.kinds, log2_points)
+        return sample_pair(self.law.covariance, self.law.columns, self.law.kinds, log2_points)
 
-    def added(self, r: float) -> tuple[float, float]:
+    def added(self, r: float, rare: bool = False) -> tuple[float, float]:
         """P(|x_1| <= r < |x_2|), and its standard error."""
-        return mean_and_error(self.points.outside(r, self.first))
+        points = self.rare_points if rare else self.points
+        return mean_and_error(points.outside(self.law.mean, r, self.room, self.first))
 
     def quantile(self, p: float) -> LawQuantile:
-        from scipy.optimize import brentq  # as few laws are sampled
-
-        low, step = self.alone.quantile_mm, 0.05 * self.alone.quantile_mm + 1e-9
-        low = low if p == self.alone.p else self.longer.quantile(p).quantile_mm
-        high = low + step
-        while self.probability(high) < p:
-            high = low + (step := 2 * step)
-        r = float(brentq(lambda r: self.probability(r) - p, low * (1 - 1e-9), high, xtol=1e-9 * high))
+        if self.law.room is None:
+            low = self.alone.quantile_mm if p == self.alone.p else self._longer.quantile(p).quantile_mm
+        else:
+            low = 0.0
+        r = find_radius(self.probability, p, low or self.highest, low)
         density = (self.probability(1.001 * r) - self.probability(0.999 * r)) / (0.002 * r) if r else 0.0
         return LawQuantile(p, r, density, PAIR_METHOD, self.added(r)[1] / density if density else 0.0)
 
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
-        return max(self.longer.probability(r) - self.added(r)[0], 0.0)
+        return max(self.longer_at(r).probability(r) - self.added(r)[0], 0.0)
 
     def exceedance(self, r: float) -> float:
         """P(|e| > r)"""
@@ -412,21 +441,74 @@ class PairLaw:
 
     def exceedance_with_error(self, r: float) -> tuple[float, float]:
         """The same, and the standard error of what is sampled of it."""
-        alone, (added, error) = self.longer.exceedance(r), self.added(r)
+        alone, (added, error) = self.longer_at(r).exceedance(r), self.added(r)
         if error > RARE_ERROR * (alone + added) + RARE_FLOOR:
-            added, error = mean_and_error(self.rare_points.outside(r, self.first))
+            added, error = self.added(r, rare=True)
         return alone + added, error
 
     def excess(self, r: float) -> float:
-        """E[(|e| - r)+], mm; what the other adds, to some 0.2 % of the whole, by Gauss and Legendre's rule up to six
-        standard deviations."""
-        other = self.law.ends[1 - self.first]
-        spread = float(np.linalg.eigvalsh(other.total_covariance)[-1])
-        span = max(float(np.linalg.norm(other.mean)) + 6 * sqrt(max(spread, 0.0)) - r, 0.0)
+        """E[(|e| - r)+], mm; what the other adds (with room: all of it), to some 0.2 % of the whole, by Gauss and
+        Legendre's rule up to six standard deviations."""
+        ends = self.law.ends if self.law.room is not None else [self.law.ends[1 - self.first]]
+        spreads = (sqrt(max(float(np.linalg.eigvalsh(end.total_covariance)[-1]), 0.0)) for end in ends)
+        far = max(float(np.linalg.norm(end.mean)) + 6 * spread for end, spread in zip(ends, spreads, strict=True))
+        span = max(far - r, 0.0)
         nodes, weights = np.polynomial.legendre.leggauss(24)
-        at = r + 0.5 * span * (1 + nodes)
-        sampled = float(np.dot(weights, [self.added(x)[0] for x in at.tolist()]))
-        return self.longer.excess(r) + 0.5 * span * sampled
+        at = (r + 0.5 * span * (1 + nodes)).tolist()
+        if self.law.room is not None:
+            return 0.5 * span * float(np.dot(weights, [1 - self.probability(x) for x in at]))
+        return self._longer.excess(r) + 0.5 * span * float(np.dot(weights, [self.added(x)[0] for x in at]))
+
+    def gradient(self, mixture: Quantiles) -> LawGradient:
+        every = [[weight * each for each in self._gradient_of(total)] for total, weight in mixture]
+        by_mean, by_covariance, by_log_column = (sum(each[1:], each[0]) for each in zip(*every, strict=True))
+        return LawGradient(by_mean, by_covariance, by_log_column)
+
+    def _gradient_of(self, total: LawQuantile) -> tuple[Array, Array, Array]:
+        """Of one quantile, as the fields of a :class:`LawGradient`."""
+        slopes, columns = self._slopes(total), self.law.columns
+        alone = self._alone_slopes(total)
+        by_log = alone[2] - (slopes.by_columns * columns).sum(axis=0)
+        scale = -1.0 / total.density
+        return (alone[0] - slopes.by_mean) * scale, (alone[1] - slopes.by_covariance) * scale, by_log * scale
+
+    def column_gradient(self, mixture: Quantiles) -> Array | None:
+        whole = np.zeros_like(self.law.columns)
+        for total, weight in mixture:
+            if (slopes := self._column_gradient_of(total)) is None:
+                return None
+            whole += weight * slopes
+        return whole
+
+    def _column_gradient_of(self, total: LawQuantile) -> Array | None:
+        r, own = total.quantile_mm, np.zeros_like(self.law.columns)
+        end, at, scale = self._alone_at(total)
+        if (found := end.column_gradient([(at, 1.0)])) is None:
+            return None
+        own[self._rows] = found * (-at.density * scale[self._rows, None])
+        return np.asarray((own - self._slopes(total).by_columns) * (-1.0 / total.density)) if r else None
+
+    def _slopes(self, total: LawQuantile) -> PairGradient:
+        """Of what the other adds."""
+        return self.points.slopes(self.law.mean, total.quantile_mm, self.room, self.first)
+
+    @property
+    def _rows(self) -> slice:
+        return slice(3 * self.first, 3 * self.first + 3)
+
+    def _alone_at(self, total: LawQuantile) -> tuple[DeclaredLaw | GaussianLaw, LawQuantile, Array]:
+        """The first alone, its quantile at this one's radius, and what its components are multiplied by."""
+        end = self.longer_at(total.quantile_mm)
+        return end, end.quantile(end.probability(total.quantile_mm)), self.law.scale_at(total.quantile_mm)
+
+    def _alone_slopes(self, total: LawQuantile) -> tuple[Array, Array, Array]:
+        """Derivatives of P(|x_1| <= r) by mean (6,), covariance (6, 6), logarithms of the columns (k,)."""
+        end, at, scale = self._alone_at(total)
+        own, (mean, covariance) = end.gradient([(at, 1.0)]), (np.zeros(6), np.zeros((6, 6)))
+        mean[self._rows], covariance[self._rows, self._rows] = own.by_mean, own.by_covariance
+        every = mean * scale, covariance * np.outer(scale, scale), own.by_log_column
+        by_mean, by_covariance, by_log = (each * -at.density for each in every)
+        return by_mean, by_covariance, by_log
 
 
 def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw | PairLaw:
@@ -543,15 +625,15 @@ class MixedLaw:
         return LawSummary(quantile, mean / whole, tail_mean, None if limit is None else self.exceedance(limit))
 
 
-def find_radius(probability: Callable[[float], float], p: float, start: float) -> float:
-    """The r, mm, at which a probability that rises with the radius comes to p; 0 where it is p there already, infinite
-    where it never is.  start: where it is looked for first, mm."""
+def find_radius(probability: Callable[[float], float], p: float, start: float, low: float = 0.0) -> float:
+    """The r, mm, at which a probability that rises with the radius comes to p; low where it is p there already,
+    infinite where it never is.  start: where it is looked for first, mm."""
     from scipy.optimize import brentq  # as few scores take a mixture
 
     def beyond_p(r: float) -> float:
         return probability(r) - p
 
-    low, high = 0.0, start or 1e-9
+    high = start or 1e-9
     while beyond_p(high) < 0:
         low, high = high, MIXTURE_STEP * high
         if high > LARGEST_MIXTURE:  # p differs from what is reached by less than rounding
@@ -587,11 +669,15 @@ def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> La
 
 def mixture_gradient(law: LinearLaw, mixture: Quantiles, near: float, *, fine: bool = True) -> LawGradient:
     """Derivatives of a sum of quantiles of this law, as :func:`law_quantiles` has them near this probability."""
-    if mixture[0][0].density == 0.0:
-        size, weight = float(np.linalg.norm(law.mean)), sum(weight for _, weight in mixture)
-        by_mean = weight * law.mean / size if size > 0 else np.zeros(3)
-        return LawGradient(by_mean, np.zeros((3, 3)), np.zeros(law.kinds.size))
-    return single_evaluation(law, near, fine).gradient(mixture)
+    total, weight = mixture[0][0], sum(weight for _, weight in mixture)
+    if total.density == 0.0:
+        by_mean, room = np.zeros(len(law.mean)), np.zeros(len(law.mean)) if law.room is None else law.room
+        outward = law.mean / (total.quantile_mm + room) if total.quantile_mm else by_mean
+        rows = max(np.split(np.arange(len(law.mean)), len(law.mean) // 3), key=lambda k: (outward[k] ** 2).sum())
+        out, wide = outward[rows], total.quantile_mm + room[rows]
+        by_mean[rows] = weight * out / wide / (out**2 / wide).sum() if total.quantile_mm else 0.0
+        return LawGradient(by_mean, np.zeros((len(law.mean),) * 2), np.zeros(law.kinds.size))
+    return evaluation_of(law, near, fine).gradient(mixture)
 
 
 def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
@@ -604,7 +690,7 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
 
 def mixture_column_gradient(law: LinearLaw, mixture: Quantiles, near: float) -> Array | None:
     """:func:`column_gradient` of a sum, as :func:`mixture_gradient`."""
-    return single_evaluation(law, near).column_gradient(mixture)
+    return evaluation_of(law, near).column_gradient(mixture)
 
 
 # --- kernels ---------------------------------------------------------------------------------------------------------

@@ -26,6 +26,9 @@ one tapered window.
 A shot with bounded columns is taken as the Gaussian of equal covariance and then corrected: for about twelve units near
 the quantile (or the limit) the declared law of d + shot is solved, and the mean difference shifts the result.  What
 that leaves, the spread of the difference over those units, is added to the standard error.
+
+Of two vectors that go together (``pairs.py``) R is that of the longer, solved for every unit from one sample of rays of
+the shot.  What the rays leave, at units near the value, is part of the standard error.
 """
 
 from __future__ import annotations
@@ -45,11 +48,14 @@ from ..laws import shape_deviates
 from .approximation import pearson_square
 from .declared import LawQuantile, LinearLaw, law_cdf, law_quantile
 from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv
+from .pairs import SMALLEST_MM, PairSample, lengths_of, mean_and_error, sample_pair
 
 BLOCKS = 16
 CORRECTED = 12  # units whose declared law is solved where a shot has bounded columns
 PILOT = 32
 WINDOW = 25  # ranks within 1/25 of all units are averaged: narrower ones leave the optimiser no slope to settle by
+LOG2_RAYS = 4  # of each of 16 scramblings, of the shot of a pair
+STEP_OF_R = 1e-3  # relative, of a density by differences
 SEED = 20240229
 
 
@@ -87,15 +93,27 @@ class Units:
     shot: LinearLaw
     shot_covariance: Array  # (3, 3) mm^2, total: what the shot is first taken to be a Gaussian of
     mixed: bool  # whether the shape of the shot's columns matters
-    offset: Array  # (n, 3) mm
+    offset: Array  # (n, 3) mm; of two vectors (n, 6)
     distance: Array  # (n,) mm, |offset|
     low: Array  # (n,) mm, bounds of R for the Gaussian shot
     high: Array  # (n,) mm
+    rays: PairSample | None = None  # of the shot, of two vectors; the bounds are R then
 
     @property
     def blocks(self) -> int:
         """Independent parts of the sample; 1 when all units are alike, and then n is 1."""
         return BLOCKS if self.distance.size > 1 else 1
+
+    def doubt_of_rays(self, near: NDArray[np.intp]) -> float:
+        """By how much rays leave R of these units open: a standard error of them all."""
+        if self.rays is None or not near.size or not (own := self.high[near]).all():
+            return 0.0
+        room = np.zeros(6) if self.shot.room is None else self.shot.room
+        ends = ((1 - STEP_OF_R) * own, own, (1 + STEP_OF_R) * own)
+        pairs = (zip(self.offset[near], radii.tolist(), strict=True) for radii in ends)
+        below, at, above = (np.mean([self.rays.shares(d, r, room) for d, r in each], axis=0) for each in pairs)
+        density = float((above - below).mean() / (2 * STEP_OF_R * own.mean()))
+        return mean_and_error(at)[1] / density if density > 0 else 0.0
 
     def standard_error(self, value: Array) -> float:
         """Of the mean of value (n,), from the means of the blocks."""
@@ -129,17 +147,36 @@ def draw_units(installation: LinearLaw, shot: LinearLaw, p: float, log2_units: i
     p = probability_iv(p)
     if shot.mean.any():
         raise ValueError(f"the shot's mean belongs to the installation; it must be 0 here, got {shot.mean.tolist()}")
-    random = installation.columns.any(axis=0)
+    random, pair = installation.columns.any(axis=0), len(installation.mean) > 3
     offset = installation.mean[None]
     if random.any() or installation.covariance.any():
-        variances, _, axes = principal_axes(installation.mean, installation.covariance)
-        z, u = unit_coordinates(3, tuple(installation.kinds[random].tolist()), log2_units)
+        if pair:
+            variances, axes = np.linalg.eigh(installation.covariance)
+        else:
+            variances, _, axes = principal_axes(installation.mean, installation.covariance)
+        z, u = unit_coordinates(len(variances), tuple(installation.kinds[random].tolist()), log2_units)
         columns = np.ascontiguousarray(installation.columns[:, random].T)
-        offset = offset + z @ ((axes * np.sqrt(variances)) @ axes.T) + u @ columns
-    distance = np.sqrt(np.einsum("ia,ia->i", offset, offset))
+        offset = offset + z @ ((axes * np.sqrt(variances.clip(0.0))) @ axes.T) + u @ columns
     covariance = shot.total_covariance
+    if pair:
+        distance = lengths_of(offset, shot.room)
+        own, rays = _solve_pairs(p, offset, distance, shot)
+        return Units(p, shot, covariance, False, offset, distance, own, own, rays)
+    distance = np.sqrt(np.einsum("ia,ia->i", offset, offset))
     low, high = _bound(p, offset, distance, covariance)
     return Units(p, shot, covariance, _shape_matters(shot), offset, distance, low, high)
+
+
+def _solve_pairs(p: float, offset: Array, distance: Array, shot: LinearLaw) -> tuple[Array, PairSample | None]:
+    """R (n,) of two vectors at offsets (n, 6), and the rays that it is solved from."""
+    if not shot.total_covariance.any():
+        return distance, None
+    rays, alone = sample_pair(shot.covariance, shot.columns, shot.kinds, LOG2_RAYS), []
+    room = np.zeros(6) if shot.room is None else shot.room
+    for rows in (slice(0, 3), slice(3, 6)):
+        own, covariance = offset[:, rows], shot.total_covariance[rows, rows]
+        alone.append(_closed(p, own, np.linalg.norm(own, axis=1), covariance) - room[rows][:2].min())
+    return rays.quantiles(offset, p, room, np.maximum(np.max(alone, axis=0), SMALLEST_MM)), rays
 
 
 def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple[Array, Array]:
@@ -152,19 +189,26 @@ def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple
     if p > 0.5:
         low = distance + ndtri(p) * np.sqrt(spread) / np.maximum(distance, 1e-300)
     high = np.maximum(distance + wide, low)
-    square = covariance @ covariance
-    closed = np.sqrt(
-        pearson_square(
-            np.trace(covariance) + distance**2,
-            np.trace(square) + 2.0 * spread,
-            np.trace(square @ covariance) + 3.0 * np.einsum("ia,ia->i", offset @ square, offset),
-            float(ndtri(p)),
-        ).clip(0.0)
-    )
+    closed = _closed(p, offset, distance, covariance)
     pilot = np.argsort(closed)[np.linspace(0, closed.size - 1, min(closed.size, PILOT)).astype(int)]
     error = norm_quantiles(p, offset[pilot], covariance) - closed[pilot]
     low = np.maximum(low, closed + 2.0 * error.min() - error.max())
     return low, np.maximum(np.minimum(high, closed + 2.0 * error.max() - error.min()), low)
+
+
+def _closed(p: float, offset: Array, distance: Array, covariance: Array) -> Array:
+    """R (n,) by Pearson's closed form, at offsets (n, 3) of these lengths (n,), for shots N(0, covariance)."""
+    square = covariance @ covariance
+    return np.asarray(
+        np.sqrt(
+            pearson_square(
+                np.trace(covariance) + distance**2,
+                np.trace(square) + 2.0 * np.einsum("ia,ia->i", offset @ covariance, offset),
+                np.trace(square @ covariance) + 3.0 * np.einsum("ia,ia->i", offset @ square, offset),
+                float(ndtri(p)),
+            ).clip(0.0)
+        )
+    )
 
 
 def _shape_matters(shot: LinearLaw) -> bool:
@@ -272,6 +316,7 @@ def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuant
         inside, control = (np.clip((position - r) / (2 * width) + 0.5, 0, 1) for r in (rank, distance_rank))
         share_error = hypot(units.standard_error(inside - control), 1 / (n * sqrt(2 * width)))
         error = hypot(error, share_error * slope, distance.error_mm)
+    error = hypot(error, units.doubt_of_rays(near))
     return UnitQuantile(value + shift, error, density)
 
 

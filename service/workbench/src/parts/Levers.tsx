@@ -56,7 +56,7 @@ export function Reach() {
 
 export function Levers() {
   const of = shown.value;
-  if (!of?.levers.length) return <p class="note">{answer.value?.score.levers?.length === 0 ? "How far each lever leads is not known where fiducials are missed, or of a corridor." : "It comes with the next score."}</p>;
+  if (!of?.levers.length) return <p class="note">{answer.value?.score.levers?.length === 0 ? "How far each lever leads is not known where fiducials are missed." : "It comes with the next score."}</p>;
   const { levers, now, limit, unit, digits: d, name, old } = of, most = 1.04 * Math.max(now, limit ?? 0), x = (value: number) => (100 * value) / most;
   return (
     <div class={old || !standing.value.holds ? "levers outdated" : "levers"} data-kind="estimate">
