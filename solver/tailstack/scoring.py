@@ -203,7 +203,7 @@ def _losses(
         single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
         assert single is not None
         limit = None if isinf(item.limit) else item.limit
-        mixture = search.mixture(item.error, p, item.targets)
+        mixture = None if MEASURE[item.error].paired else search.mixture(item.error, p, item.targets)
         losses.append(Losses(item.name, limit, max(values), single, double, mixture, MEASURE[item.error].unit))
     return tuple(losses)
 
@@ -312,7 +312,7 @@ def _score_metrics(
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
     at = error_law(model, error, P95)
     limit = tightest_limit(system, model.site, error)
-    if search is None or not system.loss_probability:
+    if search is None or not system.loss_probability or MEASURE[error].paired:
         return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
     return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 

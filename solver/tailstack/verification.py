@@ -180,7 +180,7 @@ class PreparedDesign:
 
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
-        if self.search is not None:
+        if self.search is not None and not MEASURE[error].paired:
             return self.search.law_of_simulation(name, error, P95)
         law, _ = declared_law(self.every[name, error], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))

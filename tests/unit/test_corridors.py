@@ -243,6 +243,15 @@ def test_breaches_of_a_screw_are_counted_and_estimated() -> None:
     assert estimate.p95 == pytest.approx(check.p95, rel=0.02)
 
 
+def test_the_example_is_as_far_off_as_navigated_screws_are() -> None:
+    """published: 88 navigated screws were 1.67 mm and 1.58 degrees off on average, the patient's motion and skiving
+    included, which the example has not: from what it states it is to be less, by no more than a factor of 2."""
+    found = score(load_design(SCREW), losses=False)
+    angle = next(each.mean for each in found.measures if each.measure == "angle")
+    assert 0.5 < found.targets[0].mean_norm_mm / 1.67 < 1
+    assert 0.5 < angle / 1.58 < 1
+
+
 def test_the_search_keeps_both_ends_of_a_corridor() -> None:
     """Each end by itself, half of what may be beyond: closed forms of the problem, no search."""
     system = compile_design(load_design(screw()))
