@@ -20,6 +20,7 @@ from tailstack.tail.per_unit import (
     position_of,
     solve_between,
     unit_coordinates,
+    unit_gradient,
     unit_quantile,
     unit_risk,
 )
@@ -286,3 +287,31 @@ def test_as_many_units_keep_a_limit_as_its_quantile_says(p, fraction):
             assert risk.value_mm == value
             assert (risk.yield_fraction >= fraction) == (value <= limit)
             assert 0 <= risk.yield_fraction <= 1
+
+
+@pytest.mark.parametrize("gaussian", [False, True])
+def test_slopes_are_those_of_the_value(gaussian):
+    """independent: central differences of the value, whose units are the same each time, by small steps."""
+    installation = linear_law([0.2, 0, 0.1], NOISE * 20 if gaussian else NOISE, COLUMNS)
+    by, by_shot = unit_gradient(installation, SHOT, 0.95, 0.9, log2_units=7)
+
+    def along(step, mean=0.0, covariance=FIXED, columns=0.0, shot=FIXED):
+        """The slope along a change of the laws."""
+        ends = []
+        for side in (step, -step):
+            once = LinearLaw(
+                installation.mean + side * mean, installation.covariance + side * covariance,
+                installation.columns * (1 + side * columns), installation.kinds,
+            )  # fmt: skip
+            shots = linear_law(np.zeros(3), NOISE + side * shot)
+            ends.append(unit_quantile(once, shots, 0.95, 0.9, log2_units=7).value_mm)
+        return (ends[0] - ends[1]) / (2 * step)
+
+    turn = np.array([[0.5, 0.2, 0.0], [0.2, -0.3, 0.1], [0.0, 0.1, 0.8]])
+    near = {"rel": 2e-2, "abs": 3e-4}
+    for axis in np.eye(3):
+        assert by.by_mean @ axis == pytest.approx(along(1e-4, mean=axis), **near)
+    assert (by.by_covariance * turn).sum() == pytest.approx(along(1e-5, covariance=turn), **near)
+    assert (by_shot * turn).sum() == pytest.approx(along(1e-5, shot=turn), **near)
+    for column, one in enumerate(np.eye(4)):
+        assert by.by_log_column[column] == pytest.approx(along(1e-4, columns=one), **near)

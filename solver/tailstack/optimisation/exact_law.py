@@ -20,7 +20,7 @@ from math import log, sqrt
 import numpy as np
 from scipy.special import ndtri
 
-from ..contributors import WorstCase, columns_of, declared_law, law_of, value_of, worst_case
+from ..contributors import Columns, WorstCase, columns_of, declared_law, law_of, value_of, worst_case
 from ..geometry.arrays import Array
 from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
@@ -154,14 +154,19 @@ def _unit_quantile(
 ) -> UnitQuantile:
     """The required fraction of units' own quantile; ``stretch``: (3, 3) by which gains of some contributors are
     multiplied."""
-    requirement = demand.requirement
-    columns = columns_of(model, requirement.error)
+    columns = columns_of(model, demand.requirement.error)
     if stretch is not None:
-        gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(requirement.error) for block in model.blocks]
+        error = demand.requirement.error
+        gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(error) for block in model.blocks]
         columns = columns._replace(gain=np.concatenate(gains, axis=1))
+    laws = unit_laws(columns, demand, mean_mm)
+    return unit_quantile(*laws, demand.requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+
+
+def unit_laws(columns: Columns, demand: QuantileConstraint, mean_mm: Array) -> tuple[LinearLaw, LinearLaw]:
+    """Of what stays what it is throughout a unit, or a mounting, and of what is drawn again."""
     once = columns.held(demand.level)
-    laws = law_of(mean_mm, columns.only(once)), law_of(np.zeros_like(mean_mm), columns.only(~once))
-    return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    return law_of(mean_mm, columns.only(once)), law_of(np.zeros_like(mean_mm), columns.only(~once))
 
 
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import minimize
 
-from ..contributors import declared_law, value_of, worst_case
+from ..contributors import columns_of, law_of, value_of, worst_case
 from ..design import Design
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
@@ -28,8 +28,9 @@ from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
 from ..tail.declared import mixture_gradient
+from ..tail.per_unit import unit_gradient
 from .contradictions import refuse_contradictions
-from .exact_law import UNIT_STEP, exact_quantile, quantiles_of
+from .exact_law import LOG2_UNITS, UNIT_STEP, exact_quantile, quantiles_of, unit_laws
 from .prices import cost_of, slope_of
 from .problem import (
     PlacementProblem,
@@ -175,27 +176,40 @@ class _Held:
         return exact_quantile(self.model_at(half_width), self.demand).value_mm / self.demand.requirement.limit
 
     def slopes_at(self, half_width: Array) -> Array:
-        """(K,) of its logarithm by that of each half-width: analytic; of what is read of each unit by itself by
-        differences, with the same units each time."""
-        if self.demand.nested:
+        """(K,) of its logarithm by that of each half-width: analytic; of a corridor that is read of each unit by
+        itself by differences, with the same units each time."""
+        model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
+        error, near = requirement.error, requirement.quantile
+        worst = worst_case(model, error, near, value=value_of(requirement))
+        if self.demand.nested and len(worst.mean_mm) > 3:
             wider = (half_width * np.exp(step) for step in UNIT_STEP * np.eye(len(half_width)))
             here = log(self.ratio_at(half_width))
             return np.array([log(self.ratio_at(width)) - here for width in wider]) / UNIT_STEP
-        model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
-        worst = worst_case(model, requirement.error, requirement.quantile, value=value_of(requirement))
-        law, columns = declared_law(model, requirement.error, worst.mean_mm)
-        mixture = quantiles_of(law, requirement)
-        by = mixture_gradient(law, mixture, requirement.quantile)
+        columns = columns_of(model, error)
+        held = columns.held(self.demand.level) if self.demand.nested else np.full(len(columns.kinds), True)
+        if self.demand.nested:
+            laws = unit_laws(columns, self.demand, worst.mean_mm)
+            by, by_shot = unit_gradient(*laws, near, self.demand.fraction, log2_units=LOG2_UNITS)
+            size = self.ratio_at(half_width) * requirement.limit
+        else:
+            law = law_of(worst.mean_mm, columns)
+            mixture = quantiles_of(law, requirement)
+            by, by_shot = mixture_gradient(law, mixture, near), np.zeros((3, 3))
+            size = sum(weight * each.quantile_mm for each, weight in mixture)
+        first = np.cumsum([0, *(len(block.laws) for block in model.blocks)])
+        place = np.cumsum(held & columns.wide) - 1  # of each source, its column in the law
         for k, (b, j) in enumerate(self.places):
-            block = model.blocks[b]
-            key, moved = (block.contributor, j), block.columns_mm(requirement.error)[:, j]
-            if key in columns:
-                slopes[k] = by.by_log_column[columns[key]]
+            source, block = first[b] + j, model.blocks[b]
+            moved = block.columns_mm(error)[:, j]
+            if not held[source]:
+                slopes[k] = 2 * (moved @ by_shot @ moved)
+            elif columns.wide[source]:
+                slopes[k] = by.by_log_column[place[source]]
             elif block.laws[j] is Law.BOUNDED:
-                slopes[k] = worst.signs[key] * half_width[k] * (by.by_mean @ block.gain(requirement.error)[:, j])
+                slopes[k] = worst.signs[block.contributor, j] * half_width[k] * (by.by_mean @ block.gain(error)[:, j])
             else:
                 slopes[k] = 2 * (moved @ by.by_covariance @ moved)
-        return slopes / sum(weight * each.quantile_mm for each, weight in mixture)
+        return slopes / size
 
 
 def _hold(problem: PlacementProblem, demand: QuantileConstraint) -> _Held:

@@ -46,8 +46,8 @@ from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
 from ..laws import shape_deviates
 from .approximation import pearson_square
-from .declared import LawQuantile, LinearLaw, law_cdf, law_quantile
-from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv
+from .declared import LawGradient, LawQuantile, LinearLaw, law_cdf, law_gradient, law_quantile
+from .gaussian import norm_gradient_jit, norm_quantile_jit, norm_quantiles, probability_iv
 from .pairs import SMALLEST_MM, PairSample, lengths_of, mean_and_error, sample_pair
 
 BLOCKS = 16
@@ -331,6 +331,74 @@ def unit_quantile(
     fraction = probability_iv(fraction)
     units = draw_units(installation, shot, p, log2_units)
     return _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
+
+
+def unit_gradient(
+    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
+) -> tuple[LawGradient, Array]:
+    """Derivatives of :func:`unit_quantile`: by the law of the installation, and by the covariance of the shot (3, 3),
+    1/mm, its columns taken as normal.
+
+    The units stay the same ones, so each has a derivative of its own: of R, which averages over the ranks as the value
+    does, and of |d|, which moves the place that the ranks are read at.
+    """
+    units = draw_units(installation, shot, p, log2_units)
+    distance = law_quantile(installation, fraction, fine=False)
+    control = law_gradient(installation, distance, fine=False)
+    n = units.distance.size
+    width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
+    by_distance = np.argsort(units.distance)
+    position = position_of(units.distance[by_distance], width, distance.quantile_mm)
+    near = max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1)
+    own = solve_between(units, *near)
+    order = np.argsort(own)
+    weight, control_weight = np.zeros(n), np.zeros(n)
+    steepness = []
+    for weights, by, value in ((weight, order, own), (control_weight, by_distance, units.distance)):
+        at, after = (_rank_weights(n, width, min(int(position) + step, n - 1)) for step in (0, 1))
+        weights[by] = at + (position - int(position)) * (after - at)
+        steepness.append(float((after - at) @ value[by]))
+    ratio = steepness[0] / steepness[1] if steepness[1] > 0 else 0.0
+    each = np.flatnonzero(weight)
+    by_offset, by_shot = mean_gradients(units.p, units.offset[each], units.shot_covariance, weight[each])
+    moved = np.zeros((n, 3))
+    moved[each] = by_offset
+    moved -= ratio * (control_weight / np.maximum(units.distance, 1e-300))[:, None] * units.offset
+    random = installation.columns.any(axis=0)
+    by_column, by_covariance = np.zeros(installation.kinds.size), np.zeros((3, 3))
+    if n > 1:
+        variances, _, axes = principal_axes(installation.mean, installation.covariance)
+        z, u = unit_coordinates(3, tuple(installation.kinds[random].tolist()), log2_units)
+        by_column[random] = np.einsum("ia,aj,ij->j", moved, installation.columns[:, random], u)
+        root = np.sqrt(variances)
+        # The symmetric root X of S has X dX + dX X = dS
+        turned = axes.T @ (moved.T @ z) @ axes / np.maximum(np.add.outer(root, root), 1e-300)
+        by_covariance = axes @ (0.5 * (turned + turned.T) * (np.minimum.outer(root, root) > 0)) @ axes.T
+    return LawGradient(
+        moved.sum(axis=0) + ratio * control.by_mean,
+        by_covariance + ratio * control.by_covariance,
+        by_column + ratio * control.by_log_column,
+    ), by_shot
+
+
+def _rank_weights(n: int, width: int, rank: int) -> Array:
+    """(n,) of :func:`average_rank`."""
+    weights = np.maximum(width - np.abs(np.arange(n) - rank), 0).astype(np.float64)
+    return np.asarray(weights / weights.sum())
+
+
+@kernel()
+def mean_gradients(p: float, offset: Array, covariance: Array, weight: Array) -> tuple[Array, Array]:
+    """Of the p-quantile of |N(d, S)| at each offset d (n, 3) mm: its derivative by d, times the weight (n, 3), and the
+    weighted sum of those by S (3, 3), 1/mm; 0 where it did not converge."""
+    by_offset = np.zeros((weight.size, 3))
+    by_covariance = np.zeros((3, 3))
+    for i in range(weight.size):
+        r, _, by_mean, by_own = norm_gradient_jit(offset[i].copy(), covariance, p)
+        if r == r:
+            by_offset[i] = weight[i] * by_mean
+            by_covariance += weight[i] * by_own
+    return by_offset, by_covariance
 
 
 def unit_risk(
