@@ -44,6 +44,9 @@ MEASUREMENTS: dict[str, Measurement] = {
         Target("score with the worst losses of one and two, 12 fiducials: against a score without", 3, 2, "×", "<"),
         Target("score with the worst loss of one, 64 fiducials: against a score without", 2, 1.5, "×", "<"),
     )),
+    "allocations": Measurement(scores.allocations, (
+        Target("the cheapest half-widths at a fixed layout, slowest of six designs: against a score", 6, 3, "×", "<"),
+    )),
     "designs": Measurement(scores.designs, (
         Target("designs of a table, normal laws: designs a second against the loop before", 700, 1500),
         Target("the same, the demo's own laws: designs a second against the loop before", 40, 100),

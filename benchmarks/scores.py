@@ -20,7 +20,7 @@ import numpy as np
 from bench import ROOT, Figure, Findings, Rounds, interleave
 from engine import peer_job
 from scenes import cios_system, read_only, target, with_noise
-from tailstack import load_design, score, score_batch
+from tailstack import allocate, load_design, score, score_batch
 from tailstack.batch import DEFAULT_COLUMNS
 from tailstack.design import Design
 from tailstack.design.pointers import find_places, replace_value, value_at
@@ -74,6 +74,35 @@ def first_order() -> Findings:
                    1e3 * median(rounds.cpu["demo"]), "ms"),
         ],
     )  # fmt: skip
+
+
+ALLOCATED = (  # design, requirement, its limit
+    ("demo", "tip-accuracy", 0.9), ("first_carrier", "tip-accuracy", 1.0), ("reworked_carrier", "tip-accuracy", 0.85),
+    ("locators_321", "workspace-accuracy", 0.36), ("locators_321", "unit-yield", 0.4), ("mean_and_tail", "tail", 0.8),
+)  # fmt: skip
+
+
+def allocations() -> Findings:
+    """The cheapest half-widths of six designs at the layout as it is, against a score of each without losses; CPU."""
+    jobs: dict[str, Callable[[], int]] = {}
+    for name, requirement, limit in ALLOCATED:
+        design = load_design(ROOT / "examples" / f"{name}.yaml")
+
+        def allocated(design: Design = design, requirement: str = requirement, limit: float = limit) -> int:
+            allocate(design, requirement=requirement, limit=limit)
+            return 1
+
+        def scored(design: Design = design) -> int:
+            score(design, losses=False)
+            return 1
+
+        jobs |= {f"{name}, {requirement}": allocated, f"{name}, {requirement}: a score": scored}
+    for job in jobs.values():
+        job()  # compiled
+    rounds = interleave(jobs)
+    ratios = [rounds.ratio(name, f"{name}: a score") for name in jobs if not name.endswith("a score")]
+    figures = [Figure(name, 1000 * median(seconds), "ms") for name, seconds in rounds.cpu.items()]
+    return Findings([max(ratios)], rounds.foreign, figures)
 
 
 def losses() -> Findings:

@@ -61,9 +61,10 @@ def warm_up() -> None:
         score(variant)
     score_batch(design, {"/views/0/fiducial_noise_px": [0.5]})
     with suppress(MissingExtraError):
-        from tailstack.optimisation import influence
+        from tailstack.optimisation import allocate, influence
 
         influence(design)
+        allocate(design)
 
 
 def receive(name: str, sent: RawRequest, settings: Settings) -> Reception | Estimated:
