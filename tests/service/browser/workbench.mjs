@@ -257,7 +257,7 @@ scenarios.states = async () => {
   const take = async (name) => {
     await faded(page);
     await page.screenshot({ path: `${asked.folder}/workbench_${name}.png` });
-    found[name] = { text: await page.locator("#page").innerText(), wide: await wide(page), parts: await page.locator("h2:visible, figure:visible figcaption").allInnerTexts() };
+    found[name] = { text: await page.locator("#page").innerText(), wide: await wide(page), parts: await page.locator("h2:visible, figure:visible figcaption").evaluateAll((all) => all.map((one) => one.innerText.split("\n")[0])) };
   };
   await page.waitForFunction(() => { const cards = [...document.querySelectorAll(".gallery li")]; return cards.length && cards.every((card) => card.querySelector(".status")); });
   await take("start");
