@@ -242,6 +242,9 @@ def test_places_of_a_target_make_a_map_and_a_place_without_an_answer_says_why(se
     assert rows
     for row in rows[:: len(rows) // 3]:
         assert row[P95] == pytest.approx(scored(row), rel=1e-6)
+    (why,) = found["whys"]
+    assert why.startswith(f"{400 - len(rows)} could not be scored")
+    assert "outside view" in why
     assert found["map"] > 0
     assert "tip, x" in found["caption"]
     assert [found["axe"], found["wide"], found["wrong"]] == [[], 0, "true"]

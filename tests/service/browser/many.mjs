@@ -98,6 +98,7 @@ scenarios.where = async () => {
   for (const axis of asked.axes) await many.getByLabel("Let vary, too").selectOption({ label: `${axis}, mm` });
   await number(many, `draw ${asked.axes[0]} up to`, String(asked.far));
   await score(many);
+  await many.getByRole("button", { name: "Keep all" }).click();
   found.csv = await csv(page, many);
   found.map = await many.locator(".where canvas").evaluate((canvas) => [...canvas.getContext("2d").getImageData(0, 0, 300, 300).data].filter((value, k) => k % 4 === 3 && value > 0).length / 90000);
   found.caption = await many.locator(".where figcaption").innerText();

@@ -259,7 +259,7 @@ function Lines({ of }: { of: Sample }) {
         <div class="field">
           <canvas ref={canvas} width={xs[xs.length - 1] + 1} height={HEIGHT} />
           <svg width={width} height={HEIGHT + 16} role="img" aria-label={`${of.scored} designs as lines over ${columns.map(({ label }) => label).join("; ")}. The table below has those that are kept.`}
-            onPointerMove={(event) => setNear(now && event.pointerType === "mouse" && !event.buttons ? nearest(...(place(event) as [number, number])) : null)} onPointerLeave={() => setNear(null)}
+            onPointerMove={(event) => setNear(now && event.pointerType === "mouse" && !event.buttons && !(event.target as Element).closest(".axis") ? nearest(...(place(event) as [number, number])) : null)} onPointerLeave={() => setNear(null)}
             onClick={(event) => { const { left, top } = event.currentTarget.getBoundingClientRect(), row = now ? nearest(event.clientX - left, event.clientY - top) : null; if (row !== null && !(event.target as Element).closest(".axis")) take(row); }}>
             {columns.map((column, c) => <AxisLine key={column.key} column={column} x={xs[c]} scale={scales[c]} />)}
             {present.length > 0 && <path class="present" d={path(present)} />}
@@ -437,7 +437,7 @@ export function Many() {
       {!standing.value.holds && standing.value.words && <p class="note">{standing.value.words}</p>}
       {of?.problem && <Problems problem={of.problem} />}
       {of?.slow && <p class="note">{`Computed one by one, which takes long: ${of.slow}.`}</p>}
-      {whys.length > 0 && <p class="note">{`${whys.reduce((sum, [, count]) => sum + count, 0)} could not be scored, and have no line; most of all, ${whys[0][1]}: ${whys[0][0]}`}</p>}
+      {whys.length > 0 && <p class="note">{`${whys.reduce((sum, [, count]) => sum + count, 0)} could not be scored, and have no line; for example: ${whys[0][0]}`}</p>}
       {old && <p class="remark">These are of the design as it was: something else than what varies has changed since. Score them again.</p>}
       {of && (
         <div class={old ? "old" : ""}>
