@@ -23,6 +23,7 @@ from scenes import (
 )
 from tailstack import load_design
 from tailstack.geometry.arrays import Array
+from tailstack.geometry.mesh import Mesh
 from tailstack.optimisation import PlacementProblem, global_bound
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import (
@@ -45,8 +46,9 @@ from tailstack.optimisation.global_bound import (
     spread_directions,
 )
 from tailstack.optimisation.problem import Choice, Survival, apply_choice, present_choice
-from tailstack.optimisation.regions import BoxRegion, Cylinder, Isometry
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, Shape, bounding_box, sample
 from tailstack.optimisation.search import search
+from tailstack.optimisation.surface import NearSurface
 from tailstack.optimisation.terms import DemandTerms, every_terms
 from tailstack.propagation.linear import UNJUDGED, chain_of, linearise_at
 from tailstack.system import Estimator, Law, System, Triangulation
@@ -453,3 +455,29 @@ def test_before_anything_is_solved_a_design_hears_what_no_layout_reaches() -> No
     assert "none keeps the limit of 1 mm; it may with every free half-width at its smallest" in told.statement
     (tight,) = bound_layouts(load_design(replaced(DEMO, ("requirements", 0, "limit_mm"), 0.3)))
     assert "none keeps the limit of 0.3 mm, nor with every free half-width at its smallest" in tight.statement
+
+
+UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.8, 0.0])
+FACE = Mesh(np.array([[0.0, 0, 0], [60, 0, 10], [0, 50, -10], [60, 50, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+REGIONS: dict[str, Shape] = {
+    "box": BoxRegion(*BOX_MM),
+    "plane": BoxRegion(np.array([0.0, -40, 3]), np.array([30.0, 40, 3])),
+    "shell": Ball(np.array([5.0, 0, -30]), 45.0, 42.0),
+    "tube": Cylinder(np.array([0.0, 0, -60]), ASIDE, 80.0, 40.0, 38.0),
+    "disc": Cylinder(np.array([0.0, 0, -60]), ASIDE, 0.0, 40.0),
+    "narrow sector": Cylinder(np.array([0.0, 0, -60]), UP, 50.0, 40.0, 30.0, ASIDE, 0.4),
+    "wide sector": Cylinder(np.array([0.0, 0, -60]), UP, 50.0, 40.0, 0.0, ASIDE, 2.5),
+    "near a surface": NearSurface(FACE, 3.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("region", REGIONS.values(), ids=REGIONS.keys())
+def test_every_point_of_a_region_lies_in_a_cell(region: Shape) -> None:
+    """sampled: never wrong of cells that cover; beside a box, cells that the region does not reach are none."""
+    information = information_of(navigation(6), first_term(navigation(6)))
+    cells = cells_of(information, information.beads[0]._replace(region=region))
+    points = sample(region, np.random.default_rng(0), 2000, 0.5) - bounding_box(region).mean(axis=0)
+    away = np.abs(points[:, None] - cells.centres) - cells.half
+    assert (away.max(axis=2).min(axis=1) <= 1e-9).all()
+    if not isinstance(region, BoxRegion):
+        assert len(cells.centres) < np.round(cells.reach / np.where(cells.half > 0, cells.half, 1)).clip(1).prod()

@@ -48,8 +48,9 @@ from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_gradient, law_quantil
 from .exact_law import evaluate_demand
 from .problem import Choice, PlacementProblem, present_choice
 from .program import GRID_MM
-from .regions import BoxRegion, Shape, bounding_box, contains, distinct
+from .regions import BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .request import read_request
+from .surface import NearSurface
 from .terms import DemandTerms, every_terms
 
 ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
@@ -451,7 +452,7 @@ def cells_of(information: Information, beads: Beads) -> Cells:
     half = reach / counts
     axes = [half[k] * (2 * np.arange(counts[k]) + 1 - counts[k]) for k in range(3)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    centres = centres[contains(beads.region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)]
+    centres = centres[_reaches(beads.region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)]
     places = tuple(copy @ _matrix(np.eye(3), middle) for copy in beads.copies)
     slopes = []
     for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
@@ -460,6 +461,14 @@ def cells_of(information: Information, beads: Beads) -> Cells:
         root = np.linalg.cholesky(np.eye(by_made.shape[1]) + by_made @ np.swapaxes(by_made, 1, 2))
         slopes.append(np.linalg.solve(root, own.unknowns))
     return Cells(beads, places, centres, half * (1 + 1e-12), reach * (1 + 1e-12), apart, np.concatenate(slopes, axis=1))
+
+
+def _reaches(region: Shape, points: Array, within_mm: float) -> NDArray[np.bool_]:
+    """(n,) whether some of a region may be so near to points (n, 3): never no where some is."""
+    if isinstance(region, NearSurface):
+        return np.asarray(region.mesh.nearest(points).distance_mm <= region.most_mm + within_mm)
+    whole = replace(region, towards=None) if isinstance(region, Cylinder) else region
+    return contains(whole, points, within_mm)
 
 
 def most_known(information: Information, cells: tuple[Cells, ...], z: Array) -> Array:
