@@ -297,7 +297,9 @@ def test_no_bound_is_claimed_where_there_is_none(why: str, words: str) -> None:
     if why == "layout":
         data = document(**moving())
     elif why == "law":
-        data["interfaces"][SEAT]["tolerances"]["rx"]["distribution"] = "uniform"
+        rx = data["interfaces"][SEAT]["tolerances"]["rx"]
+        rx.pop("coverage_factor", None)
+        rx["distribution"] = "uniform"
     elif why == "objective":
         data["optimise"]["objective"] = "scaling"
     elif why == "risk":
