@@ -297,13 +297,44 @@ def test_of_balls_of_two_diameters_the_page_asks_which(service: Served) -> None:
 
 
 @pytest.mark.long
-def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
-    found = used(service.url, "variants")
+def test_a_version_is_drawn_compared_and_taken_back(service: Served) -> None:
+    found = used(service.url, "versions")
     assert found["taken"] == found["first"] != found["moved"]
     assert found["ghosts"] == 12
     assert "F2" in found["differences"]
     assert "7.25" in found["differences"]
     assert re.search(r"1\.14 mm [▲▼] 0\.\d{3}\t–", found["row"])  # against the estimate of now; none is simulated
+
+
+@pytest.mark.long
+def test_a_review_keeps_versions_and_comments_in_the_design_and_hands_over_papers(
+    service: Served, tmp_path: Path
+) -> None:
+    """Kept versions outlive undo and redo; the file has all that was said; sheet and report are what the names say."""
+    hostile = "<img src=x onerror=hacked=1> =1+1"
+    found = used(service.url, "review", hostile=hostile)
+    assert found["undone"] == found["first"] != found["moved"] == found["sha"]
+    assert found["kept"] == ["now", "close as the shop asked"]
+    assert found["both"] == ["now", "close as the shop asked", "A"]
+    assert (found["budgets"] > 3, found["dots"], found["one"], found["again"]) == (True, 2, 1, 0)  # and no score anew
+    assert len(found["comments"]) == 2
+    assert f"{hostile}!" in found["comments"][0]
+    assert "resolved" in found["comments"][1]
+    assert (found["hacked"], found["found"]) == (None, [])  # axe
+    design = load_design(found["yaml"]["text"].encode("latin1"))
+    assert design.sha256 == found["moved"]
+    review = design.document.review
+    assert review is not None
+    assert [load_design(version.text).sha256 for version in review.versions] == [found["moved"], found["first"]]
+    pins = [(each.bead, each.contributor, each.component, each.resolved) for each in review.comments]
+    assert pins == [("F3", None, None, False), (None, "structure_connector", "rx", True)]
+    assert found["pdf"]["text"].startswith(found["sheets"]["PDF"]["text"][:5])
+    assert found["pdf"]["text"].startswith("%PDF-")
+    assert found["sheets"]["CSV"]["name"].endswith(".supplier.csv")
+    (tmp_path / "beads.csv").write_text(found["sheets"]["CSV"]["text"], "latin1")
+    again = yaml.safe_load(DEMO)
+    again["fiducials"] = {"file": "beads.csv", "manufacturing": again["fiducials"]["manufacturing"]}
+    assert load_design(again, base_directory=tmp_path).fiducials.positions_mm == design.fiducials.positions_mm
 
 
 # --- strange and large designs -------------------------------------------------------------------------------------

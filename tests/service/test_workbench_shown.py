@@ -97,15 +97,15 @@ def test_an_optimum_that_is_taken_ends_with_the_verdict_of_its_verification(serv
 
 
 @pytest.mark.long
-def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(service: Served) -> None:
+def test_strip_run_slack_and_versions_speak_of_the_requirement_that_decides(service: Served) -> None:
     estimate = decisive_check(score(load_design(UNITS)).verdict.checks)
     assert estimate is not None
     assert (estimate.requirement, estimate.status) == ("every-unit", "fail")
     text = UNITS.read_text(encoding="utf-8")
     found = shown(service, "units", text.replace("name: every-unit,", "name: every-unit, ids: [SRS-016],"))
     assert found["p95"] == f"{estimate.value:.3f}"
-    assert len(found["variants"]) == 2  # now, and A
-    for row in found["variants"]:
+    assert len(found["versions"]) == 2  # now, and A
+    for row in found["versions"]:
         assert row.split("\t")[1:5] == ["Fail by estimate", f"{found['p95']} mm", "–", "0.600 mm"]
         assert "every-unit at tip" in row
     assert found["opened"] is True  # the run is looked at where runs are

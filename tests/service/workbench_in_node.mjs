@@ -54,7 +54,7 @@ Object.assign(globalThis, {
 
 // --- the page ---------------------------------------------------------------------------------------------------------
 
-const NAMES = ["acts", "advice", "api", "jobs", "readings", "state", "parts/Contributors", "parts/Files", "parts/Form", "parts/Runs", "parts/Verdict"];
+const NAMES = ["acts", "advice", "api", "jobs", "readings", "state", "parts/Contributors", "parts/Files", "parts/Form", "parts/Review", "parts/Runs", "parts/Verdict"];
 const entry = [...NAMES.map((name) => `export * as ${name.replace("parts/", "")} from ${JSON.stringify(`${sources}/${name}`)};`), 'export { h, render } from "preact";'].join("\n");
 const bundle = await rolldown({
   input: "entry", cwd: sources, logLevel: "silent", transform: { jsx: { runtime: "automatic", importSource: "preact" } },
@@ -63,7 +63,7 @@ const bundle = await rolldown({
 });
 const { output } = await bundle.generate({ format: "esm" });
 const page = await import(`data:text/javascript;base64,${Buffer.from(output[0].code).toString("base64")}`);
-const { acts, api, jobs, state, Contributors, Files, Form, Runs, Verdict, h, render } = page;
+const { acts, api, jobs, state, Contributors, Files, Form, Review, Runs, Verdict, h, render } = page;
 
 // --- a service of a table -----------------------------------------------------------------------------------------------
 
@@ -71,7 +71,7 @@ const sorted = (value) => Array.isArray(value) ? value.map(sorted) : value && ty
 const same = (value) => JSON.stringify(sorted(value));
 let states = []; // of the design that is looked at: {design, text, score, verification}
 const answers = (status, body) => ({ ok: status < 300, status, headers: new Map(), json: async () => structuredClone(body), text: async () => "", blob: async () => null });
-const find = (design) => states.findIndex((each) => same(each.design) === same(design));
+const find = ({ review, ...design }) => states.findIndex((each) => same(each.design) === same(design));
 const jobOf = (id) => ({ id, kind: "report", state: "succeeded", created_at: "2026-01-01T00:00:00Z", design_name: "", progress: { fraction: 1, note: "", eta_seconds: null }, result_sha256: id, problem: null, links: { report: `/v1/results/${id}/report` } });
 globalThis.fetch = async (address, { method, body }) => {
   pending += 1;
@@ -110,7 +110,7 @@ function linesOf(node, kind = null, found = []) {
   return found;
 }
 
-const PARTS = [Verdict.Verdict, Verdict.Requirements, Contributors.Contributors, Files.Variants, Runs.Runs];
+const PARTS = [Verdict.Verdict, Verdict.Requirements, Contributors.Contributors, Review.Versions, Runs.Runs];
 async function walk(each) {
   states = each.states;
   const root = document_.createElement("div"), seen = [];
@@ -123,11 +123,11 @@ async function walk(each) {
   const [base, dragged, variant] = states;
   state.open(base.text, "Open");
   await look("opened");
-  state.keepVariant();
+  state.keepVersion();
   await acts.verify();
   await look("verified");
   if (variant) await change();
-  for (const { name } of state.variants.value) state.removeVariant(name);
+  for (const { name } of state.versions.value) state.removeVersion(name);
   for (const { id } of jobs.runs.value) jobs.forget(id);
   jobs.results.value = {};
   render(null, root);
@@ -140,7 +140,7 @@ async function walk(each) {
     await look("dragged");
     await acts.verify();
     await look("dragged and verified");
-    state.keepVariant();
+    state.keepVersion();
     state.undo();
     await look("undone");
     state.commit(variant.text, "Variant");

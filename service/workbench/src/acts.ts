@@ -3,7 +3,7 @@
 import { advised, START, startOf } from "./advice";
 import { answer, send } from "./api";
 import { start } from "./jobs";
-import { design, differences, edit, gesture, type Json, parse, text } from "./state";
+import { design, differences, edit, gesture, type Json, settled, whole } from "./state";
 
 const TRIALS = 4_194_304; // that a check to a precision may draw, unless the operator allows fewer
 
@@ -14,11 +14,12 @@ export async function verify(): Promise<void> {
 
 export const optimise = () => design.value?.optimise
   ? start("Optimisation", "/v1/optimisations", {})
-  : start(`Optimisation ${START}`, "/v1/optimisations", { design: { ...design.value, optimise: startOf(design.value, answer.value?.score ?? null) } });
+  : start(`Optimisation ${START}`, "/v1/optimisations", { design: { ...whole.value, optimise: startOf(design.value, answer.value?.score ?? null) } });
 
 export function takeOptimum(result: Json): void {
   gesture.value = [];
-  edit(differences(parse(text.value).data, result.design), "Accept the optimum");
+  const { review, ...optimum } = result.design; // comments and versions stay as they are now
+  edit(differences(settled.value, optimum), "Accept the optimum");
 }
 
 /** What the strip advises. */

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { readRefusal, type Refusal, refusalOf, send, unreachable } from "./api";
-import { design, type Json, shareList, text, writeYaml } from "./state";
+import { type Json, shareList, text, whole, writeYaml } from "./state";
 
 type Job = components["schemas"]["Job"];
 
@@ -43,7 +43,7 @@ export async function start(title: string, path: string, options: Json): Promise
   startProblem.value = null;
   try {
     const headers = { "Idempotency-Key": crypto.randomUUID() };
-    const response = await send("POST", path, { ...("second" in options ? {} : { design: design.value }), ...options }, headers);
+    const response = await send("POST", path, { ...("second" in options ? {} : { design: whole.value }), ...options }, headers);
     if (!response.ok) {
       startProblem.value = await readRefusal(response);
       return;

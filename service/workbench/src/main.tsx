@@ -9,7 +9,7 @@ import { chosenBeads } from "./beads";
 import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
-import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, Asking, working } from "./parts/Files";
+import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Asking, working } from "./parts/Files";
 import { Form } from "./parts/Form";
 import { Levers } from "./parts/Levers";
 import { Minute } from "./parts/Minute";
@@ -19,7 +19,7 @@ import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Requirements, Verdict } from "./parts/Verdict";
 import { listed, Tip, WordList } from "./parts/Words";
-import { design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { comments, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
@@ -137,7 +137,8 @@ function Workbench() {
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
-          <Part title="Variants"><Variants /></Part>
+          <Part title="Versions"><Versions /></Part>
+          <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={unsettled.value > 0}><Comments /></Part>
           <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
           <Part title="As text" summoned={shownPointer.value !== null}><Editor /></Part>
@@ -189,6 +190,8 @@ const manual = signal<preact.ComponentType<{ onClose: () => void }> | null>(null
 const Editor = fetched("The editor", () => import("./parts/Editor").then((module) => module.Editor));
 const Space = fetched("The drawing in space", () => import("./parts/Space").then((module) => module.Space));
 const Many = fetched("What scores many designs", () => import("./parts/Many").then((module) => module.Many));
+const Versions = fetched("Versions", () => import("./parts/Review").then((module) => module.Versions));
+const Comments = fetched("Comments", () => import("./parts/Review").then((module) => module.Comments));
 const Arrange = fetched("What arranges beads", () => import("./parts/Arrange").then((module) => module.Arrange));
 
 /** A part that is fetched when it is first shown. */
@@ -198,9 +201,10 @@ function fetched(name: string, load: () => Promise<preact.ComponentType>): preac
     useEffect(() => {
       if (!loaded.value) void load().then((part) => (loaded.value = part), () => say("This part of the page does not come: the service does not answer. Close the part and open it again.", true));
     }, []);
-    return loaded.value ? <loaded.value /> : <p class="note">{`${name} is being fetched.`}</p>;
+    return loaded.value ? <loaded.value /> : <p class="note">{`${name}: being fetched.`}</p>;
   };
 }
+const unsettled = computed(() => comments.value.filter((comment) => !comment?.resolved).length);
 
 const arranging = signal(false);
 const ArrangeSwitch = () => <button type="button" class="small" aria-pressed={arranging.value} onClick={() => (arranging.value = !arranging.value)}>{chosenBeads.value.length > 1 ? `Arrange ${chosenBeads.value.length}` : "Arrange"}</button>;

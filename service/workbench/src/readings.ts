@@ -143,7 +143,7 @@ export const seen = signal<ReadonlyMap<string, Reading<"estimate">>>(new Map());
 const MOST_SEEN = 100;
 effect(() => {
   if (!current.value || !answer.value || gesture.value.length) return;
-  const all = new Map(seen.peek()), source = text.peek();
+  const all = new Map(seen.peek()), source = text.value;
   all.delete(source);
   all.set(source, ofScore(answer.value.score));
   for (const old of [...all.keys()].slice(0, -MOST_SEEN)) all.delete(old);

@@ -6,7 +6,7 @@
 
 import { batch, computed, effect, signal } from "@preact/signals";
 import { stating } from "./assumed";
-import { type Edit, type Json, parse, withEdits, writeEdits } from "./document";
+import { type Edit, equal, type Json, parse, withEdits, writeEdits } from "./document";
 
 export { differences, type Edit, type Json, parse, type Path, pointerOf, valueAt, withEdits, writeYaml } from "./document";
 
@@ -15,15 +15,17 @@ interface Step {
   what: string;
   until?: number; // ms since 1970: the same again before then is part of this step
   opens?: boolean; // another design, which is not held against what was there
+  drops?: string; // name of a version that is taken away
 }
-export interface Variant {
+export interface Version {
   name: string;
-  text: string;
-  at?: number; // when it was kept, ms since 1970
+  note?: string;
+  date?: string;
+  text: string; // without a review of its own
 }
 
 const TAB = "tailstack.workbench.tab", AUTOSAVE = "tailstack.workbench.design";
-const MOST_STEPS = 300, MOST_SAVED = 300_000; // characters of one tab: eight tabs, variants and runs share 5 million
+const MOST_STEPS = 300, MOST_SAVED = 300_000; // characters of one tab: eight tabs and runs share 5 million
 export const PRESSES = 1000; // ms between presses of a key that are one step
 
 /** What is said to the person at the page. */
@@ -38,8 +40,6 @@ export function say(words: string, bad = false): void {
 export const steps = signal<Step[]>([]);
 export const position = signal(-1);
 export const gesture = signal<Edit[]>([]);
-const shelf = shareList<Variant>("tailstack.workbench.variants", "name", ["text"], ({ at }) => at ?? 0);
-export const variants = shelf.list;
 export const picked = signal<readonly string[]>([]); // labels of the fiducials that are chosen, the one chosen last at the end
 /** The one of them that keys move; setting it leaves the others. */
 export const selected = {
@@ -59,10 +59,21 @@ export const text = computed(() => steps.value[position.value]?.text ?? "");
 const parsed = computed(() => parse(text.value));
 /** Why the text is no design that could be looked at. */
 export const errors = computed(() => (steps.value.length ? parsed.value.errors : []));
-/** The design as plain data, with the gesture that is under way.  The same object as long as nothing has changed. */
-export const design = computed<Json>(() => parsed.value.data && withEdits(parsed.value.data, gesture.value));
-/** The same without the gesture. */
-export const settled = computed<Json>(() => parsed.value.data);
+/** The document as plain data, what a review left in it too: what is sent to become a report. */
+export const whole = computed<Json>(() => parsed.value.data);
+/** The design in it: no number depends on a review, so nothing is asked anew where that alone has changed. */
+let last: Json = null;
+export const settled = computed<Json>(() => {
+  const { review, ...rest } = whole.value ?? {}, found = whole.value && (review === undefined ? whole.value : rest);
+  return (last = equal(found, last) ? last : found);
+});
+/** The same with the gesture that is under way.  The same object as long as nothing has changed. */
+export const design = computed<Json>(() => settled.value && withEdits(settled.value, gesture.value));
+
+const listed = (data: Json, name: string): Json[] => (Array.isArray(data?.review?.[name]) ? data.review[name] : []);
+export const comments = computed<Json[]>(() => listed(whole.value, "comments"));
+const versionsOf = (data: Json): Version[] => listed(data, "versions").filter((each) => typeof each?.name === "string" && typeof each.text === "string");
+export const versions = computed(() => versionsOf(whole.value));
 export const canUndo = computed(() => position.value > 0);
 export const canRedo = computed(() => position.value < steps.value.length - 1);
 
@@ -77,7 +88,7 @@ export function commit(source: string, what: string, within = 0, opens = false):
     if (within && kept.length > 1 && last.what === what && Date.now() < (last.until ?? 0)) kept = kept.slice(0, -1);
     steps.value = withinReach([...kept, { text: source, what, ...(within && { until: Date.now() + within }), ...(opens && { opens }) }], MOST_STEPS);
     position.value = steps.value.length - 1;
-    gesture.value = [];
+    cancelGesture();
   });
   autosave();
 }
@@ -111,20 +122,30 @@ export function cancelGesture(): void {
 
 export function undo(): void {
   if (gesture.value.length) cancelGesture();
-  else if (canUndo.value) position.value -= 1;
-  autosave();
+  else if (canUndo.value) goTo(position.value - 1);
 }
 
 export function redo(): void {
-  if (canRedo.value) position.value += 1;
+  if (canRedo.value) goTo(position.value + 1);
+}
+
+/** One of the steps, again.  Versions that were kept meanwhile come along: to go back to where another begins takes none away. */
+export function goTo(step: number): void {
+  cancelGesture();
+  batch(() => {
+    const before = versions.value, [from, to] = [position.value, step].sort((a, b) => a - b), passed = steps.value.slice(from + 1, to + 1);
+    position.value = step;
+    if (passed.some(({ opens }) => opens) || !whole.value) return;
+    const missing = before.filter(({ name }) => !versions.value.some((each) => each.name === name) && !passed.some(({ drops }) => drops === name));
+    if (missing.length) amend([...versions.value, ...missing]);
+  });
   autosave();
 }
 
-/** One of the steps, again. */
-export function goTo(step: number): void {
-  cancelGesture();
-  position.value = step;
-  autosave();
+/** Other versions in the present step. */
+function amend(all: Version[]): void {
+  const source = writeEdits(text.value, [{ path: ["review", "versions"], value: all }]).text;
+  steps.value = steps.value.map((step, k) => (k === position.value ? { ...step, text: source } : step));
 }
 
 export function open(source: string, what: string): void {
@@ -237,17 +258,47 @@ export function restore(): boolean {
   return false;
 }
 
-export function keepVariant(): string {
-  let name = "";
-  shelf.change((kept) => {
-    const used = new Set(kept.map((v) => v.name));
-    name = [..."ABCDEFGHIJKLMNOPQRSTUVWXYZ"].find((letter) => !used.has(letter)) ?? `V${kept.length + 1}`;
-    return [...kept, { name, text: text.value, at: Date.now() }];
-  });
-  return name;
+export const now = () => `${new Date().toISOString().slice(0, 16)}Z`;
+const LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ", MOST_VERSIONS = 50;
+
+/** The text of the design without what a review left in it. */
+const bare = (source: string) => (parse(source).data?.review === undefined ? source : writeEdits(source, [{ path: ["review"], value: undefined }]).text);
+
+const contents = new Map<string, string>(); // by text
+/** What a text says of a design, whatever is said about that. */
+export function contentOf(source: string): string {
+  const { review, ...rest } = parse(contents.has(source) ? "" : source).data ?? {};
+  return contents.get(source) ?? contents.set(source, JSON.stringify(rest)).get(source)!;
 }
 
-export const removeVariant = (name: string) => shelf.change((kept) => kept.filter((variant) => variant.name !== name));
+/** Keep the design in its own document, by a name; null where that is taken, or there is no room. */
+export function keepVersion(name = "", note = "", source = text.value): string | null {
+  const used = new Set(versions.value.map((each) => each.name));
+  const called = name || [...LETTERS].find((letter) => !used.has(letter)) || `V${used.size + 1}`;
+  if (used.has(called) || used.size >= MOST_VERSIONS) return null;
+  amend([...versions.value, { name: called, ...(note && { note }), date: now(), text: bare(source) }]);
+  autosave();
+  return called;
+}
+
+export function removeVersion(name: string): void {
+  edit(without("versions", versions.value.filter((each) => each.name !== name)), `Remove version ${name}`);
+  steps.value = steps.value.map((step, k) => (k === position.value ? { ...step, drops: name } : step));
+  autosave();
+}
+
+/** A version is the design again; versions and comments stay. */
+export function takeVersion({ name, text: source }: Version): void {
+  commit(writeEdits(source, [{ path: ["review"], value: whole.value.review }]).text, `Version ${name}`);
+}
+
+/** Another list of a review; without any, there is no review. */
+function without(list: string, left: Json[]): Edit[] {
+  const others = Object.keys(whole.value?.review ?? {}).some((each) => each !== list);
+  return [left.length ? { path: ["review", list], value: left } : { path: others ? ["review", list] : ["review"], value: undefined }];
+}
+
+export const setComments = (all: Json[], what: string) => edit(without("comments", all), what);
 
 // --- the whole design in the link ----------------------------------------------------------------------------
 

@@ -100,12 +100,12 @@ scenarios.optimum = async () => {
   return { basis: await strip(page).getAttribute("data-basis"), badge: await page.locator(".badge").innerText(), words: await strip(page).innerText() };
 };
 
-// A requirement on each unit beside a pooled one: strip, run, slack and variants say the same
+// A requirement on each unit beside a pooled one: strip, run, slack and versions say the same
 scenarios.units = async () => {
   const page = await begun(await newContext()), p95 = await page.locator("#p95").textContent();
-  await part(page, "Variants");
-  await page.getByRole("button", { name: "Keep this design as a variant" }).click();
-  const variants = await page.locator('[aria-label="Variants"] tbody tr').allInnerTexts();
+  await part(page, "Versions");
+  await page.getByRole("button", { name: "Keep this design as a version" }).click();
+  const versions = await page.locator('[aria-label="Versions"] tbody tr').allInnerTexts();
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
   const opened = await page.locator("details.part", { has: page.getByRole("heading", { name: "Run", exact: true }) }).evaluate((node) => new Promise((done) => { const look = () => (node.open ? done(true) : requestAnimationFrame(look)); look(); }));
   const said = await page.locator(".budget .note", { hasText: "Slack:" }).innerText(), slack = await page.locator(".budget .slack").allInnerTexts();
@@ -116,7 +116,7 @@ scenarios.units = async () => {
   const rows = await page.getByRole("region", { name: "Table of requirements" }).locator("tbody tr").allInnerTexts();
   const head = await page.locator(".run").first().locator(".head").innerText();
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
-  return { p95, variants, opened, said, slack, listed, rows, head, verified: await page.locator("#p95").textContent(), caption: await page.locator(".histogram figcaption").first().textContent() };
+  return { p95, versions, opened, said, slack, listed, rows, head, verified: await page.locator("#p95").textContent(), caption: await page.locator(".histogram figcaption").first().textContent() };
 };
 
 // The tables of the report below the list, before and after a change

@@ -116,7 +116,7 @@ scenarios.unreadable = async () => {
     await page.locator("#page h1").waitFor();
     await take(page, asked.design);
     await current(page).catch(() => null);
-    for (const title of ["Run", "Variants"]) await part(page, title);
+    for (const title of ["Run", "Versions"]) await part(page, title);
     found.push({ how: "shape", shown: await page.locator("#page").innerText() });
   }
   return { found };
@@ -147,31 +147,23 @@ scenarios.typed = async () => {
   return { found };
 };
 
-// Two tabs: what one keeps, the other has
+// Two tabs: the runs of one are those of the other
 scenarios.tabs = async () => {
   const context = await newContext(), first = await begun(context), second = await open(context, asked.url);
-  for (const page of [first, second]) await part(page, "Variants");
-  const keep = (page) => page.getByRole("button", { name: "Keep this design as a variant" }).click();
-  await keep(first);
   await number(second, "F2 x, mm", "27.25");
   await sha(second);
-  await keep(second);
   for (const page of [first, second]) {
     await part(page, "Run");
     await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
     await page.locator(".runs > li").first().waitFor();
   }
   for (const page of [first, second]) await page.waitForFunction(() => document.querySelectorAll(".run[data-state=succeeded]").length === 2);
-  const lists = async (page) => ({
-    variants: await page.locator('[aria-label="Variants"] tbody tr > th').allInnerTexts(), runs: await page.locator(".runs > li").count(),
-  });
-  const live = [await lists(first), await lists(second)];
-  await second.getByRole("button", { name: "Remove variant A" }).click();
-  await first.waitForFunction(() => document.querySelectorAll('[aria-label="Variants"] tbody tr').length === 2);
-  const removed = await lists(first);
+  const runs = (page) => page.locator(".runs > li").count(), live = [await runs(first), await runs(second)];
+  await second.getByRole("button", { name: "Take off the list" }).first().click();
+  await first.waitForFunction(() => document.querySelectorAll(".runs > li").length === 1);
   const third = await open(context, asked.url);
-  for (const title of ["Variants", "Run"]) await part(third, title);
-  return { live, removed, third: await lists(third) };
+  await part(third, "Run");
+  return { live, removed: await runs(first), third: await runs(third) };
 };
 
 // A key that is held, many presses, and how far back undo reaches

@@ -11,7 +11,7 @@ const scenarios = {
     const sizes = await page.evaluate(() => performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
       .filter((entry) => !entry.name.includes("/v1/")).reduce((sum, entry) => sum + entry.transferSize, 0));
     const light = await axe(page);
-    for (const title of ["Views, pivots, targets, limits", "Run", "Variants", "Share and save", "All fields", "As text"]) await part(page, title);
+    for (const title of ["Views, pivots, targets, limits", "Run", "Versions", "Comments", "Share and save", "All fields", "As text"]) await part(page, title);
     await page.locator(".editor").waitFor();
     const opened = await axe(page);
     await page.addInitScript(() => {
@@ -374,20 +374,72 @@ scenarios.grades = async () => {
   return { values };
 };
 
-// A variant: drawn below, compared field by field, taken back
-scenarios.variants = async () => {
+// A version: drawn below, compared field by field, taken back
+scenarios.versions = async () => {
   const context = await newContext(), page = await begun(context), first = await sha(page);
-  await part(page, "Variants");
-  await page.getByRole("button", { name: "Keep this design as a variant" }).click();
+  await part(page, "Versions");
+  await page.getByRole("button", { name: "Keep this design as a version" }).click();
   await number(page, "F2 x, mm", "7.25");
   const moved = await sha(page);
   await page.getByLabel("Draw A below").check();
   const ghosts = await page.locator("figure.picture", { hasText: "Top (x, y)" }).locator("circle.ghost").count();
-  await page.getByRole("button", { name: "compare" }).click();
-  const differences = await page.locator('[aria-label="Differences from variant A"] tbody').innerText();
-  const row = await page.locator('[aria-label="Variants"] tbody').innerText();
+  await page.getByRole("button", { name: "compare", exact: true }).click();
+  const differences = await page.locator('[aria-label="Differences from version A"] tbody').innerText();
+  const row = await page.locator('[aria-label="Versions"] tbody').innerText();
   await page.getByRole("button", { name: "take", exact: true }).click();
   return { first, moved, ghosts, differences, row, taken: await sha(page) };
+};
+
+// A review: two versions that outlive undo, as one report; comments pinned, settled, undone; all of it in the file
+scenarios.review = async () => {
+  const context = await newContext(), page = await begun(context), first = await sha(page), sent = [];
+  page.on("request", (request) => { if (/\/v1\/scores$/.test(request.url())) sent.push(request.postData()); });
+  await part(page, "Versions");
+  const names = () => page.locator('[aria-label="Versions"] tbody th').allInnerTexts();
+  const keep = async (name, note) => {
+    await page.getByRole("form", { name: "Keep a version" }).getByLabel("Name").fill(name);
+    await page.getByRole("form", { name: "Keep a version" }).getByLabel("Note").fill(note);
+    await page.getByRole("button", { name: "Keep this design as a version" }).click();
+  };
+  await number(page, "F2 x, mm", "7.25");
+  const moved = await sha(page);
+  await keep("close", "as the shop asked");
+  await page.keyboard.press("Control+z");
+  const undone = await sha(page), kept = await names();
+  await keep("", "");
+  await page.keyboard.press("Control+Shift+z");
+  const both = await names();
+  await page.getByRole("row", { name: /^close/ }).getByRole("button", { name: "compare", exact: true }).click();
+  const choice = page.getByLabel("close against");
+  await choice.selectOption("A");
+  const pair = page.getByRole("region", { name: "close against A" });
+  await pair.getByRole("region", { name: "Budgets side by side" }).waitFor();
+  const budgets = await pair.getByRole("region", { name: "Budgets side by side" }).locator("tbody tr").count(), dots = await pair.locator(".dots figure").count();
+  const saved = async (press) => { const [file] = await Promise.all([page.waitForEvent("download"), press()]); return { name: file.suggestedFilename(), text: (await downloaded(file)).toString("latin1") }; };
+  const pdf = await saved(() => pair.getByRole("button", { name: /^Report: close against A/ }).click());
+  await part(page, "Comments");
+  const before = sent.length, form = page.getByRole("form", { name: /comment/ }), said = page.locator(".comments > li");
+  for (const [on, text] of [["bead F3", asked.hostile], ["structure_connector rx", "hold 0.05"]]) {
+    await form.getByLabel("On").selectOption({ label: on });
+    await form.getByLabel("By").fill("A. Okafor");
+    await form.getByLabel("Comment", { exact: true }).fill(text);
+    await form.getByRole("button", { name: "Comment" }).click();
+  }
+  await said.nth(1).getByRole("button", { name: "resolve" }).click();
+  await said.nth(0).getByRole("button", { name: "edit" }).click();
+  await form.getByLabel("Comment", { exact: true }).fill(`${asked.hostile}!`);
+  await form.getByRole("button", { name: "Change it" }).click();
+  await said.nth(1).getByRole("button", { name: "Delete comment 2" }).click();
+  const one = await said.count();
+  await page.getByRole("button", { name: "show", exact: true }).focus();
+  await page.keyboard.press("Control+z");
+  const comments = await said.allInnerTexts(), again = sent.length - before, found = await axe(page);
+  await part(page, "Share and save");
+  const yaml = await saved(() => page.getByRole("button", { name: "Save YAML" }).click());
+  const sheets = {};
+  for (const form of ["PDF", "CSV"]) sheets[form] = await saved(() => page.getByRole("button", { name: `Sheet for the supplier as ${form}` }).click());
+  if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+  return { first, moved, undone, kept, both, budgets, dots, pdf, one, comments, again, found, yaml, sheets, hacked: await page.evaluate(() => window.hacked ?? null), sha: await sha(page) };
 };
 
 // A bead is taken out, and brought back

@@ -1,19 +1,15 @@
-// How a design comes in and goes out: gallery, files, variants, the link, "copy as".
+// How a design comes in and goes out: gallery, files, the link, the sheet for a supplier, "copy as".
 
 import { signal } from "@preact/signals";
-import { useEffect, useRef, useState } from "preact/hooks";
-import { current, key, pathOf, placeInWords, readRefusal, type Score, send, unreachable } from "../api";
-import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, pointerOf, removeVariant, say, text, valueAt, variants } from "../state";
+import { useEffect, useRef } from "preact/hooks";
+import { key, pathOf, readRefusal, send, unreachable } from "../api";
+import { canUndo, design, edit, type Json, linked, linkOf, LONGEST_LINK, open, parse, say, text, valueAt, whole } from "../state";
 import { firstDesign } from "../first";
 import { rounded } from "../geometry";
-import { runs, start, unfinished } from "../jobs";
-import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf } from "../readings";
-import { changed, mm, readNumber, stated, VERDICTS } from "../words";
+import { readNumber, VERDICTS } from "../words";
 import { CArmChoice, CArmNote, wishes } from "./CArm";
-import { Dots, isDrawn } from "./Dots";
 import { beginMinute } from "./Minute";
-import { ghost } from "./Pictures";
-import { fileName, save } from "./Reports";
+import { fileName, save, saveAnswer } from "./Reports";
 
 export const working = signal<string | null>(null); // what the page is busy with
 
@@ -278,13 +274,21 @@ export function TakeAway() {
     ["command", () => `tailstack score ${fileName()}.yaml`],
     ["CI gate", () => `# .github/workflows/tolerances.yml; COMMIT is that of your copy of tailstack\nname: tolerances\non: [pull_request]\npermissions: { contents: read }\njobs:\n  gate:\n    runs-on: ubuntu-24.04\n    timeout-minutes: 15\n    steps:\n      - uses: actions/checkout@11bd71901bbe5b1630ceea73d27597364c9af683 # v4.2.2\n      - uses: YOUR-ORGANISATION/tailstack@COMMIT\n        with: { designs: ${fileName()}.yaml, mode: auto }\n`],
   ];
+  const handOver = (form: string, media: string) => saveAnswer("POST", "/v1/sheets", { design: design.value }, { Accept: media }, `${fileName()}.supplier.${form}`, "The sheet");
   return (
+    <>
+    <p class="controls" role="group" aria-label="To the supplier">
+      <strong>To the supplier</strong>
+      {Object.entries({ pdf: "application/pdf", html: "text/html", csv: "text/csv" }).map(([form, media]) => <button type="button" key={form} aria-label={`Sheet for the supplier as ${form.toUpperCase()}`} onClick={() => handOver(form, media)}>{form.toUpperCase()}</button>)}
+      <span class="note">beads, seats and tolerances as drawn, dimensioned; nothing of what was computed</span>
+    </p>
     <div class="controls" role="group" aria-label="Share and save">
       <button type="button" onClick={() => save(new Blob([text.value], { type: "application/yaml" }), `${fileName()}.yaml`)}>Save YAML</button>
-      <button type="button" onClick={() => save(new Blob([JSON.stringify(design.value, null, 2)], { type: "application/json" }), `${fileName()}.json`)}>Save JSON</button>
+      <button type="button" onClick={() => save(new Blob([JSON.stringify(whole.value, null, 2)], { type: "application/json" }), `${fileName()}.json`)}>Save JSON</button>
       <button type="button" onClick={copyLink}>Link to this design</button>
       {forms.map(([name, make]) => <button type="button" key={name} onClick={() => copy(make(), `Copied as ${name}.`)}>{`Copy as ${name}`}</button>)}
     </div>
+    </>
   );
 }
 
@@ -295,93 +299,4 @@ export async function copy(content: string, words: string): Promise<void> {
   } catch {
     say(`${words.replace(/ (and is copied|is copied)\.?|Copied/, "")} The browser does not let the page copy; here it is: ${content}`);
   }
-}
-
-// --- variants ---------------------------------------------------------------------------------------------------------------
-
-const scored = signal<Record<string, Reading<"estimate"> | null>>({}); // by text; null: it has no answer
-
-async function scoreOf(source: string): Promise<void> {
-  const response = await send("POST", "/v1/scores", { design: parse(source).data, fifty_shots: true }).catch(() => null);
-  scored.value = { ...scored.value, [source]: response?.ok ? read<"estimate">((await response.json()) as Score) : null };
-}
-
-export function Variants() {
-  const [compared, compare] = useState<string | null>(null);
-  for (const variant of variants.value) if (!(variant.text in scored.value) && current.value) void once(variant.text); // not beside a score of the design
-  const chosen = variants.value.find((v) => v.name === compared), now = current.value ? known.value : { estimate: null, simulation: null };
-  const keep = () => {
-    const name = keepVariant();
-    if (now.estimate) scored.value = { ...scored.value, [text.value]: now.estimate };
-    say(`Kept as variant ${name}.`);
-  };
-  return (
-    <>
-      <p><button type="button" onClick={keep}>Keep this design as a variant</button></p>
-      {variants.value.length > 0 && (
-        <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
-          <table>
-            <caption>The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers</caption>
-            <thead><tr><th>Variant</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides</th><th>Use</th></tr></thead>
-            <tbody>
-              <tr><th>now</th><Judged of={now} /><td /></tr>
-              {variants.value.map((variant) => {
-                const estimate = scored.value[variant.text], of = estimate === undefined ? undefined : { estimate, simulation: simulationOf(estimate?.sha) };
-                return (
-                  <tr key={variant.name}>
-                    <th>{variant.name}</th><Judged of={of} now={now} />
-                    <td class="uses">
-                      <label><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} />draw</label>
-                      <button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button>
-                      <button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button>
-                      <button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button>
-                    </td>
-                  </tr>
-                );
-              })}
-            </tbody>
-          </table>
-        </div>
-      )}
-      {chosen && <Dots rows={[{ name: chosen.name, shots: scored.value[chosen.text]?.record.fifty_shots }, { name: "now", shots: now.estimate?.record.fifty_shots }].filter(isDrawn)} />}
-      {chosen && <Differences name={chosen.name} before={parse(chosen.text).data} />}
-    </>
-  );
-}
-
-function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
-  const shown = of?.simulation ?? of?.estimate, decides = shown?.decides, by = of && now && changes(of, now);
-  const cell = (reading: Reading<"estimate"> | Reading<"simulation"> | null | undefined, change: Change | null | undefined) => (
-    <td class="number" data-kind={reading?.kind}>{reading ? `${mm(reading.value, reading.digits)} ${reading.unit}` : of ? "–" : "…"}{change && <span class={change.to < change.from ? "delta less" : "delta more"}>{` ${changed(change.to - change.from, change.decimals)}`}</span>}</td>
-  );
-  return (
-    <>
-      <td class={`status ${shown?.record.verdict.status ?? ""}`}>{shown ? VERDICTS[shown.record.verdict.status] ?? shown.record.verdict.status : of ? VERDICTS["not-evaluated"] : ""}{shown && ` ${BY[shown.kind]}`}</td>
-      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? `${stated(decides.limit, shown.digits)} ${decides.unit}` : "–"}</td>
-      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}</td>
-    </>
-  );
-}
-
-const asked = new Set<string>();
-async function once(source: string): Promise<void> {
-  if (asked.has(source)) return;
-  asked.add(source);
-  await scoreOf(source);
-}
-
-function Differences({ name, before }: { name: string; before: Json }) {
-  const rows = differences(before, design.value);
-  if (!rows.length) return <p>{`The design is variant ${name}.`}</p>;
-  const simulate = () => start(`Variant ${name} against now`, "/v1/comparisons", { first: before, second: design.value, precision: 0.005 });
-  const brief = (value: Json) => (value === undefined ? "–" : JSON.stringify(value).slice(0, 60));
-  return (
-    <div class="scroll" tabIndex={0} role="region" aria-label={`Differences from variant ${name}`}>
-      <p><button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={simulate}>Simulate the difference</button> <span class="note">both with the same random numbers; what comes of it stands under Run</span></p>
-      <table>
-        <thead><tr><th>Field</th><th class="number">{name}</th><th class="number">now</th></tr></thead>
-        <tbody>{rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(design.value, pointerOf(row.path))}</th><td class="number">{brief(valueAt(before, row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}</tbody>
-      </table>
-    </div>
-  );
 }

@@ -52,7 +52,7 @@ export function Form() {
 }
 
 function Fields({ node, path, value }: { node: Json; path: Path; value: Json }) {
-  const properties: [string, Json][] = Object.entries(node.properties ?? {}), required = new Set(node.required ?? []);
+  const properties: [string, Json][] = Object.entries(node.properties ?? {}).filter(([name]) => path.length || name !== "review"), required = new Set(node.required ?? []);
   const present = properties.filter(([name]) => value?.[name] !== undefined);
   const absent = properties.filter(([name]) => value?.[name] === undefined);
   const strange = Object.keys(value ?? {}).filter((name) => !node.properties?.[name]);

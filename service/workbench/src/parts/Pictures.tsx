@@ -5,7 +5,7 @@ import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { answer, current, drawn, late, layout, refused } from "../api";
 import { adding, type Bead, beads, beadsOf, called, movingTo, pick, stopped, toggle as togglePicked, wrong } from "../beads";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
-import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, picked, pointed, position, PRESSES, preview, say, selected, settled, steps, text, variants } from "../state";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, picked, pointed, position, PRESSES, preview, say, selected, settled, steps, text, versions } from "../state";
 import { brief } from "../words";
 import { hinted } from "./Minute";
 import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
@@ -13,10 +13,10 @@ import { Remarks } from "./Problems";
 
 export { type Bead, beads } from "../beads";
 
-export const ghost = signal<string | null>(null); // name of the variant that is drawn below
+export const ghost = signal<string | null>(null); // name of the version that is drawn below
 const ghosts = computed<Bead[]>(() => {
-  const variant = variants.value.find((v) => v.name === ghost.value);
-  return variant ? beadsOf(parse(variant.text).data) : [];
+  const version = versions.value.find((v) => v.name === ghost.value);
+  return version ? beadsOf(parse(version.text).data) : [];
 });
 
 /** Where beads were that a change has moved: at the grab while one is dragged, then in the step before. */

@@ -16,12 +16,21 @@ export function ReportLink({ path, form, words, of, button = false, summary = fa
   const fetched = async (event: Event) => {
     if (!key.value) return;
     event.preventDefault();
-    const response = await send("GET", address).catch(() => null);
-    if (response?.ok) return save(await response.blob(), name);
-    const { title, errors } = response ? await readRefusal(response) : unreachable();
-    say(`The report does not come: ${title}. ${errors[0].detail}`, true);
+    await saveAnswer("GET", address, undefined, {}, name, "The report");
   };
   return <a class={button ? "button" : undefined} href={addressOf(address)} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : name} onClick={fetched}>{words}</a>;
+}
+
+/** Save what the service answers with; what: the subject of the sentence where it does not. */
+export async function saveAnswer(method: string, path: string, body: unknown, headers: Record<string, string>, name: string, what: string): Promise<void> {
+  say(`${what} is being written.`);
+  const response = await send(method, path, body, headers).catch(() => null);
+  if (response?.ok) {
+    save(await response.blob(), name);
+    return say(`${what} is saved as ${name}.`);
+  }
+  const { title, errors } = response ? await readRefusal(response) : unreachable();
+  say(`${what} does not come: ${title}. ${errors[0].detail}`, true);
 }
 
 export function save(content: Blob, name: string): void {

@@ -8,7 +8,7 @@ import { key, placeInWords } from "../api";
 import { START } from "../advice";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, stateWords, unfinished } from "../jobs";
 import { precisionOf, read } from "../readings";
-import { design, type Json, open, pointerOf, text } from "../state";
+import { contentOf, design, type Json, open, pointerOf, text } from "../state";
 import { brief, countDecimals, decimalsOf, duration, mm, percent, readNumber, stated, VERDICTS } from "../words";
 import { Checks, Measures } from "./Checks";
 import { Problems } from "./Problems";
@@ -91,7 +91,7 @@ function Recent() {
 function Item({ run }: { run: Run }) {
   const result = run.result ? results.value[run.result] : null;
   if (run.result && !result) void loadResult(run.result);
-  const other = run.text !== "" && run.text !== text.value;
+  const other = run.text !== "" && run.text !== text.value && contentOf(run.text) !== contentOf(text.value);
   return (
     <li class={other ? "run other" : "run"} data-kind={run.kind} data-state={run.state}>
       <p class="head">
