@@ -60,9 +60,9 @@ def patience_with_the_disk() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    """Of a service as it comes, in this process, without a worker."""
-    with client_with() as client:
+def client(request: pytest.FixtureRequest) -> Iterator[httpx.Client]:
+    """Of a service in this process, as it comes and without a worker; ``CLIENT`` of the file says otherwise."""
+    with client_with(**getattr(request.module, "CLIENT", {})) as client:
         yield client
 
 

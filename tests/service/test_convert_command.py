@@ -5,18 +5,16 @@ Calibration cages of XMALab by the command and over HTTP.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 import yaml
-from service_scenes import EXAMPLES, check_problem, client_with
+from service_scenes import EXAMPLES, check_problem
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
-from tailstack_service.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 CARRIER = str(ROOT / "examples" / "integrations" / "step" / "carrier.step")
@@ -115,12 +113,6 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
 
 CUBE = EXAMPLES / "integrations" / "xmalab"
 FRAME = "x,y,z\n0,0,0\n6.4,0,0,corner\n"
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings()) as client:
-        yield client
 
 
 def test_the_lego_cube_comes_in_with_its_marked_beads_and_goes_out_as_it_was(

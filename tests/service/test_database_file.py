@@ -144,22 +144,15 @@ def workers_of(client: httpx.Client) -> list[psutil.Process]:
     return [child for child in running if "worker" in child.cmdline()]
 
 
-def test_nothing_is_written_beside_a_file_that_was_put_in_the_place_of_another(
-    client: httpx.Client, disk: Path
+@pytest.mark.parametrize("lost", ["jobs.sqlite3", "jobs.sqlite3-wal"])
+def test_nothing_is_written_beside_a_file_in_the_place_of_another_nor_without_its_log(
+    client: httpx.Client, disk: Path, lost: str
 ) -> None:
     path, before = disk / "jobs.sqlite3", count(client)
     accept(client)
-    with without(path):
-        shutil.copy(path.with_name(path.name + ".kept"), path)
-        refuse(client, "store-error", path)
-    until(lambda: ready(client)[0] == 200)
-    assert count(client) == before + 1
-
-
-def test_nothing_is_written_without_the_log_of_the_file(client: httpx.Client, disk: Path) -> None:
-    path, before = disk / "jobs.sqlite3", count(client)
-    accept(client)
-    with without(path.with_name(path.name + "-wal")):
+    with without(disk / lost):
+        if lost == path.name:
+            shutil.copy(path.with_name(path.name + ".kept"), path)
         refuse(client, "store-error", path)
     until(lambda: ready(client)[0] == 200)
     assert count(client) == before + 1

@@ -288,10 +288,7 @@ def test_settings_that_cannot_work_are_refused_at_the_start(
 # --- without authentication -----------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(allowed_hosts="design-host, cad.example.org")) as client:
-        yield client
+CLIENT = {"settings": Settings(allowed_hosts="design-host, cad.example.org")}
 
 
 @pytest.mark.parametrize(

@@ -26,10 +26,7 @@ HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r
 QUICK = Settings(body_seconds=0.3, max_body_bytes=50_000)
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(QUICK) as client:
-        yield client
+CLIENT = {"settings": QUICK}
 
 
 @pytest.fixture(scope="module")

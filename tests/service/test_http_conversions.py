@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
@@ -30,10 +29,7 @@ MARKUPS = json.dumps(
 POINTS = [{"label": "A", "position_mm": [10.0, 20.0, -30.0]}, {"label": "B", "position_mm": [5.0, 0.0, 0.0]}]
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(max_fiducials=10)) as client:
-        yield client
+CLIENT = {"settings": Settings(max_fiducials=10)}
 
 
 def converted(response: httpx.Response) -> dict[str, Any]:

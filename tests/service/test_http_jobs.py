@@ -32,11 +32,9 @@ QUICK: dict[str, Any] = {"design": small_design(), "trials": 3000, "seed": 5}
 UNKNOWN = "01k4z8t5r2w7x3y9v6n1m0q8pc"
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    settings = Settings(max_trials=1_000_000_000, max_wait_seconds=600.0, worker_processes=1, lease_seconds=1.0)
-    with client_with(settings, worker=True) as client:
-        yield client
+HOST = Settings(max_trials=1_000_000_000, max_wait_seconds=600.0, worker_processes=1, lease_seconds=1.0)
+
+CLIENT = {"settings": HOST, "worker": True}
 
 
 @pytest.fixture(scope="module")

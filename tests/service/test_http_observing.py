@@ -7,7 +7,6 @@ import io
 import json
 import logging
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,7 @@ import tailstack_service
 from tailstack_service.logs import JsonFormatter, TextFormatter, log_to_stderr
 from tailstack_service.settings import Settings
 
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(worker_processes=1), worker=True) as client:
-        yield client
+CLIENT = {"settings": Settings(worker_processes=1), "worker": True}
 
 
 def samples(client: httpx.Client) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:

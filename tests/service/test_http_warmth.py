@@ -91,22 +91,21 @@ def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, p
     told(tmp_path, 30.0, story)
 
 
-def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stops", [False, True])
+def test_who_comes_shortly_before_is_answered_and_a_service_that_stops_meanwhile_says_so(
+    tmp_path: Path, stops: bool
+) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
         asking = await asked(client, service, "/v1/scores", BODY)
-        service.pool.warmth = "ready"
+        if stops:
+            service.stopping.set()
+        else:
+            service.pool.warmth = "ready"
         clock_of(service).turn(WARMTH_LOOK_SECONDS)
-        assert (await asking).status_code == 200
-
-    told(tmp_path, 60.0, story)
-
-
-def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
-    async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = await asked(client, service, "/v1/scores", BODY)
-        service.stopping.set()
-        clock_of(service).turn(WARMTH_LOOK_SECONDS)
-        check_problem(await asking, 503, "stopping")
+        answer = await asking
+        if stops:
+            check_problem(answer, 503, "stopping")
+        assert answer.status_code == (503 if stops else 200)
 
     told(tmp_path, 60.0, story)
 

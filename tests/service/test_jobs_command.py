@@ -28,10 +28,7 @@ from turned_clock import TurnedClock
 QUICK = {"design": small_design(), "trials": 3000}
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(worker_processes=1, max_trials=1_000_000_000), worker=True) as client:
-        yield client
+CLIENT = {"settings": Settings(worker_processes=1, max_trials=1_000_000_000), "worker": True}
 
 
 def call(client: httpx.Client, *arguments: str) -> int:

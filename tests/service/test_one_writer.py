@@ -6,13 +6,12 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import httpx
 import pytest
-from service_scenes import client_with, small_design, write_json
+from service_scenes import small_design, write_json
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
@@ -25,10 +24,7 @@ PLAIN = "plain name"
 NAMES = ["NaN", "Infinity", "-Infinity of NaN", 'NaN":1e-05', "ein Näme ∞"]
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(worker_processes=1), worker=True) as client:
-        yield client
+CLIENT = {"settings": Settings(worker_processes=1), "worker": True}
 
 
 def named(name: str) -> dict[str, Any]:

@@ -242,24 +242,23 @@ def connections_to(service: httpx.Client) -> int:
 
 
 @pytest.mark.parametrize(
-    ("begun", "drip"), [(b"", b""), (b"G", b""), (b"GET /health/live HTTP/1.1\r\n", b"x-a: b\r\n")]
+    ("begun", "drip", "said"),
+    [
+        (b"", b"", SLOW_HEAD),
+        (b"G", b"", SLOW_HEAD),
+        (b"GET /health/live HTTP/1.1\r\n", b"x-a: b\r\n", SLOW_HEAD),
+        (HEAD + b"Content-Length: 1000\r\n\r\n{", b"", SLOW_BODY),
+    ],
 )
-def test_a_head_that_never_ends_is_ended(places: Places, begun: bytes, drip: bytes) -> None:
+def test_a_head_that_never_ends_and_a_body_that_stops_coming_are_ended(
+    places: Places, begun: bytes, drip: bytes, said: str
+) -> None:
     proxy, _ = places
-    ended_before = proxy.ended(SLOW_HEAD)
+    ended_before = proxy.ended(said)
     with proxy.connect() as connection:
         connection.sendall(begun)
         until(lambda: closed(connection, drip), says=proxy.log)
-    until(lambda: proxy.ended(SLOW_HEAD) == ended_before + 1, says=proxy.log)
-
-
-def test_a_body_that_stops_coming_is_ended(places: Places) -> None:
-    proxy, _ = places
-    ended_before = proxy.ended(SLOW_BODY)
-    with proxy.connect() as connection:
-        connection.sendall(HEAD + b"Content-Length: 1000\r\n\r\n{")
-        until(lambda: closed(connection), says=proxy.log)
-    until(lambda: proxy.ended(SLOW_BODY) == ended_before + 1, says=proxy.log)
+    until(lambda: proxy.ended(said) == ended_before + 1, says=proxy.log)
 
 
 @pytest.mark.long

@@ -477,35 +477,23 @@ def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
         assert "Traceback" not in err
 
 
-def test_an_interrupt_that_a_library_ignores_is_heard_all_the_same(tmp_path: Path) -> None:
-    """LLVM calls Python while a kernel is loaded, and whatever is raised there is lost."""
-    (tmp_path / "ignored.py").write_text(
-        "import ctypes, signal\n"
-        "from tailstack_service.cli import main\n"
+@pytest.mark.parametrize(
+    "run",
+    [
+        # LLVM calls Python while a kernel is loaded, and whatever is raised there is lost
         "called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))\n"
         "def run(_):\n"
         "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "    called()\n"
-        "    signal.pause()\n"
-        "main._run = run\n"
-        "main.command()\n",
-        encoding="utf-8",
-    )
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "ignored.py")], capture_output=True, text=True, timeout=LIMIT_SECONDS,
-        env=environment(), check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (130, "tailstack: interrupted\n")
-
-
-def test_an_interrupt_of_a_text_that_is_executed_ends_with_the_code_too(tmp_path: Path) -> None:
-    """Functions are made so while libraries are loaded; under ``python -m`` CPython would end by the signal."""
-    (tmp_path / "interrupted.py").write_text(
-        "from tailstack_service.cli import main\n"
-        "main._run = lambda _: exec('raise KeyboardInterrupt')\n"
-        "main.command()\n",
-        encoding="utf-8",
-    )
+        "    signal.pause()\n",
+        # functions are made so while libraries are loaded; under ``python -m`` CPython would end by the signal
+        "run = lambda _: exec('raise KeyboardInterrupt')\n",
+    ],
+    ids=["that a library ignores", "of a text that is executed"],
+)
+def test_an_interrupt_is_heard_and_ends_with_the_code(run: str, tmp_path: Path) -> None:
+    program = f"import ctypes, signal\nfrom tailstack_service.cli import main\n{run}main._run = run\nmain.command()\n"
+    (tmp_path / "interrupted.py").write_text(program, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "interrupted"], capture_output=True, text=True, cwd=tmp_path, env=environment(),
         timeout=LIMIT_SECONDS,

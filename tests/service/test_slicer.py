@@ -15,11 +15,10 @@ from typing import Any
 
 import httpx
 import pytest
-from service_scenes import EXAMPLES, client_with
+from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
 from tailstack.integrations.conversion import convert
-from tailstack_service.settings import Settings
 from waiting import until
 
 FOLDER = EXAMPLES / "integrations" / "slicer"
@@ -120,12 +119,6 @@ def module(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
         sys.modules.pop(name, None)
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(worker_processes=1)) as client:
-        yield client
-
-
 def ras_of(design: dict[str, Any]) -> list[tuple[str, list[float], int]]:
     points = design["fiducials"]["points"]
     return [(p["label"], [-p["position_mm"][0], -p["position_mm"][1], p["position_mm"][2]], 2) for p in points]
@@ -156,12 +149,8 @@ def test_points_of_the_scene_are_the_beads_of_the_saved_file(module: ModuleType)
 @pytest.mark.long
 def test_a_drag_in_the_scene_changes_p95_and_the_worst_bead_is_named(module: ModuleType, client: httpx.Client) -> None:
     design = client.get("/v1/examples/first_carrier").json()
-    widget = module.TailstackWidget()
-    widget.setup()
-    widget.address.text = str(client.base_url).rstrip("/")
     node = Node(ras_of(design))
-    widget.points.node = node
-    widget.choose(node)
+    widget = shown(module, str(client.base_url).rstrip("/"), node)
     said = wait_for(widget, "Worst to lose")
     assert f"P95 at tip {score(load_design(design)).targets[0].p95_mm:.3f} mm, limit 1 mm: fail" in said
     points = design["fiducials"]["points"]
@@ -179,25 +168,28 @@ def test_a_drag_in_the_scene_changes_p95_and_the_worst_bead_is_named(module: Mod
     assert node.observers == {}
 
 
-def test_another_list_is_observed_in_place_of_the_first(module: ModuleType) -> None:
+def shown(module: ModuleType, address: str, *nodes: Node) -> Any:
+    """A widget with this address, which shows these lists one after another."""
     widget = module.TailstackWidget()
     widget.setup()
-    widget.address.text = "http://127.0.0.1:1"
-    first, second = Node([("A", [0.0, 0.0, 0.0], 2)]), Node([("A", [0.0, 0.0, 1.0], 2)])
-    for node in (first, second):
+    widget.address.text = address
+    for node in nodes:
         widget.points.node = node
         widget.choose(node)
+    return widget
+
+
+def test_another_list_is_observed_in_place_of_the_first(module: ModuleType) -> None:
+    first, second = Node([("A", [0.0, 0.0, 0.0], 2)]), Node([("A", [0.0, 0.0, 1.0], 2)])
+    widget = shown(module, "http://127.0.0.1:1", first, second)
     assert (len(first.observers), len(second.observers)) == (0, len(EVENTS))
     assert "start it with: tailstack serve" in wait_for(widget, "no tailstack service")
     widget.cleanup()
 
 
 def test_points_that_share_a_name_are_refused(module: ModuleType) -> None:
-    widget = module.TailstackWidget()
-    widget.setup()
     node = Node([("A", [0.0, 0.0, 0.0], 2), ("A", [1.0, 0.0, 0.0], 2)])
-    widget.points.node = node
-    widget.choose(node)
+    widget = shown(module, "http://127.0.0.1:1", node)
     assert "several points are called A" in wait_for(widget, "several points")
     widget.cleanup()
 
