@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from tailstack.design.refusals import escape
 from tailstack.units import unit_label
 
 from .records import Change
@@ -35,14 +36,14 @@ def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: s
     for key, value in second.items():
         if new == "" and key in APART:
             continue
-        ways = (f"{old}/{_escape(key)}", f"{new}/{_escape(key)}", f"{name} {key}")
+        ways = (f"{old}/{escape(key)}", f"{new}/{escape(key)}", f"{name} {key}")
         if key in first:
             yield from _changes(first[key], value, *ways)
         elif value is not None:
             yield Change(ways[1], ways[2].strip(), unit_label(ways[1]), "added", None, _value(value))
     for key, value in first.items():
         if key not in second and value is not None and not (old == "" and key in APART):
-            at = f"{old}/{_escape(key)}"
+            at = f"{old}/{escape(key)}"
             yield Change(at, f"{name} {key}".strip(), unit_label(at), "removed", _value(value), None)
 
 
@@ -76,7 +77,3 @@ def _describe(items: list[Any]) -> dict[str, int]:
 def _value(node: Any) -> str:
     text = json.dumps(node, ensure_ascii=False, separators=(", ", ": "))  # noqa: TID251 - words in a table
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
-
-
-def _escape(step: str) -> str:
-    return step.replace("~", "~0").replace("/", "~1")
