@@ -152,9 +152,10 @@ async function follow(): Promise<void> {
       const sent = wanted;
       wanted = null;
       await scoreOnce(sent);
-      // What is dragged moves in the pictures at once; where everything is follows when it is let go.  A design that
-      // was refused is drawn, too: a picture shows best what is wrong with it
-      if (!wanted && !gesture.value.length) await drawOnce(sent);
+      // What is dragged moves in the pictures at once; where everything is follows when it is let go, or while a beam is
+      // turned, for then everything moves in the image.  A design that was refused is drawn, too: a picture shows best
+      // what is wrong with it
+      if (!wanted && (!gesture.value.length || gesture.value.some(({ path }) => path[2] === "beam_direction"))) await drawOnce(sent);
     }
   } finally {
     busy.value = false;

@@ -323,6 +323,7 @@
       const order = { face: 0, line: 1, ellipsoid: 2, arrow: 2, mark: 2 };
       context.fillStyle = PAPER;
       context.fillRect(0, 0, this.width, this.height);
+      this.under?.(context); // by a page on which things are moved
       this.hits = [];
       const items = this.scene.items.filter((item) => this.shown.has(item.layer)).map((item) => {
         const solid = item.kind === "ellipsoid" ? item.points.slice(0, 1) : item.points;
@@ -347,6 +348,7 @@
       }
       if (this.shown.has("labels")) this.label(context, labels);
       this.axes(context);
+      this.over?.(context);
     }
 
     item(context, item, page, eye) {

@@ -18,6 +18,7 @@ const LARGEST: Record<string, number> = { step: 32 }; // MB of a file, otherwise
 
 /** Take a file: a design is opened; points, and the balls of a STEP file, become the design's fiducials. */
 export async function takeFile(file: File): Promise<void> {
+  if (/\.stl$/i.test(file.name)) return (await import("../carrier")).takeSurface(file);
   const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 1;
   if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
   if (ending) return takePoints(file, kind);
@@ -244,7 +245,7 @@ export function OpenFile({ words }: { words: string }) {
   return (
     <label class="button">
       {words}
-      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.xlsx,.ods" onChange={(event) => {
+      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.stl,.xlsx,.ods" onChange={(event) => {
         const file = event.currentTarget.files?.[0];
         event.currentTarget.value = "";
         if (file) void takeFile(file);

@@ -1,29 +1,59 @@
-// The layout in space, by the module that turns it in reports.
+// The layout in space, by the module that turns it in reports; what is taken hold of there is moved.
 
 import { useEffect, useRef } from "preact/hooks";
 import "../../../tailstack_service/report/templates/viewer.css";
 import "../../../tailstack_service/report/templates/viewer.js";
 import { drawn, layout } from "../api";
-import { design, pointed, selected } from "../state";
+import { wrong } from "../beads";
+import { carrier, radius, sizeOf, snaps, UNITS } from "../carrier";
+import { design, picked, pointed, selected } from "../state";
+import { brief } from "../words";
+import { followed, hand, handles, said, type Scene, takeHold, type Viewer } from "./hands";
 
-interface LayoutViewer {
-  update(scene: unknown): void;
-  point(label: string | null): void;
-}
 declare global {
   interface Window {
-    LayoutViewer: new (figure: HTMLElement, scene: unknown, number: number) => LayoutViewer;
+    LayoutViewer: new (figure: HTMLElement, scene: unknown, number: number) => Viewer;
   }
 }
 
 export function Space() {
-  const figure = useRef<HTMLElement>(null), viewer = useRef<LayoutViewer | null>(null), scene = layout.value?.scene, marked = pointed.value ?? selected.value;
+  const figure = useRef<HTMLElement>(null), viewer = useRef<Viewer | null>(null), marked = pointed.value ?? selected.value;
+  const scene = layout.value?.scene ? followed(layout.value.scene as unknown as Scene, drawn.value, design.value) : null;
   useEffect(() => {
     if (!scene || !figure.current) return;
-    if (viewer.current) viewer.current.update(scene);
-    else viewer.current = new window.LayoutViewer(figure.current, scene, 1);
+    if (viewer.current) return viewer.current.update(scene);
+    viewer.current = new window.LayoutViewer(figure.current, scene, 1);
+    viewer.current.canvas.setAttribute("aria-describedby", "viewer-1-words viewer-1-help hands");
   }, [scene]);
+  useEffect(() => { // what tests and curious people look at, as in main.tsx
+    Object.assign((window as unknown as { workbench: object }).workbench, { handles: () => viewer.current && handles(viewer.current).map(({ words, position }) => ({ words, at: viewer.current!.page(position) })) });
+  }, []);
+  useEffect(() => (viewer.current ? takeHold(viewer.current, figure.current!) : undefined), [viewer.current !== null || scene !== null]);
   useEffect(() => viewer.current?.point(marked), [scene, marked]);
+  useEffect(() => viewer.current?.draw(), [carrier.value, picked.value, wrong.value, hand.value]);
   useEffect(() => figure.current!.addEventListener("point", (event) => (pointed.value = (event as CustomEvent<string | null>).detail)), []);
-  return <figure ref={figure} hidden={!scene} class={drawn.value === design.value ? "space" : "space old"} />;
+  const held = viewer.current && handles(viewer.current).find(({ key }) => key === hand.value);
+  return (
+    <>
+      <figure ref={figure} hidden={!scene} class={drawn.value === design.value ? "space" : "space old"} />
+      {scene && (
+        <p id="hands" class="note" role="status">
+          {said.value || (held ? `${held.words}: ${held.turn ? "the arrows turn it by 1° and tilt it" : "the arrows move it by 1 mm, in the plane that you look at"}; Escape lets go` : "Drag a bead, pivot, locator or beam to move it; with Shift along an axis. N and P take one for the arrows")}
+        </p>
+      )}
+      {carrier.value && <Surface />}
+    </>
+  );
+}
+
+function Surface() {
+  const own = carrier.value!;
+  return (
+    <p class="controls surface" role="group" aria-label="Surface">
+      <span>{`${own.name}: ${(own.mesh.corners.length / 9).toLocaleString("en")} triangles, ${sizeOf(own)}`}</span>
+      <label>in <select value={own.unit} onChange={(event) => (carrier.value = { ...own, unit: event.currentTarget.value })}>{Object.keys(UNITS).map((unit) => <option key={unit}>{unit}</option>)}</select></label>
+      <button type="button" class="small" aria-pressed={snaps.value} title={`Beads of ${brief(2 * radius.value)} mm that are dragged in space touch it from outside`} onClick={() => (snaps.value = !snaps.value)}>{`Beads touch it, ${brief(2 * radius.value)} mm`}</button>
+      <button type="button" class="small" aria-label={`Take ${own.name} away`} onClick={() => (carrier.value = null)}>×</button>
+    </p>
+  );
 }

@@ -1,0 +1,94 @@
+// Beads, pivots and beams moved in space, and a surface that beads touch.  See tests/service/test_workbench_space.py.
+import { asked, axe, begun, current, drawn, drop, faded, newContext, state, wide } from "./page.mjs";
+
+const scenarios = {};
+const text = async (page) => (await state(page)).text;
+const canvas = (page) => page.locator(".space .viewer-stage canvas");
+const note = (page) => page.locator("#hands").innerText();
+
+/** Where something is that can be taken hold of. */
+async function find(page, words) {
+  await canvas(page).scrollIntoViewIfNeeded();
+  await drawn(page);
+  const { x, y } = await canvas(page).boundingBox(), [right, down] = await page.evaluate((called) => window.workbench.handles().find((one) => one.words === called).at, words);
+  return [x + right, y + down];
+}
+
+async function drag(page, from, by, key) {
+  await page.mouse.move(...from);
+  await page.mouse.down();
+  if (key) await page.keyboard.down(key);
+  for (const part of [0.3, 0.7, 1]) await page.mouse.move(from[0] + part * by[0], from[1] + part * by[1]);
+  await drawn(page);
+  await page.mouse.up();
+  if (key) await page.keyboard.up(key);
+  await current(page);
+}
+
+scenarios.space = async () => {
+  const page = await begun(await newContext()), found = { before: await text(page), steps: [] }, count = async () => found.steps.push((await state(page)).position);
+  await page.getByRole("button", { name: "In space", exact: true }).click();
+  await canvas(page).waitFor();
+  await drawn(page);
+  await page.locator(".see .viewer-layers").waitFor();
+  found.bead = "F7";
+  let at = await find(page, found.bead);
+  await drag(page, at, [14, -9]);
+  found.after = await text(page);
+  await count();
+  await drag(page, await find(page, found.bead), [-3, -25], "Shift");
+  found.along = await text(page);
+  await count();
+  at = await find(page, "pivot 1");
+  await drag(page, at, [9, 6]);
+  found.pivot = await text(page);
+  await count();
+  at = await find(page, "beam of AP");
+  await drag(page, at, [-25, -10]);
+  found.turned = await text(page);
+  await count();
+  await page.keyboard.press("ArrowUp");
+  await current(page);
+  found.tilted = await text(page);
+  await count();
+  await drop(page, "carrier.stl", Buffer.from(asked.stl, "base64"));
+  await page.locator(".surface").waitFor();
+  await drawn(page);
+  at = await find(page, found.bead);
+  await drag(page, at, [-10, 12]);
+  found.snapped = await text(page);
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  await page.keyboard.press("ArrowRight");
+  await current(page);
+  found.stepped = await text(page);
+  await faded(page);
+  found.axe = await axe(page);
+  return found;
+};
+
+scenarios.keys = async () => {
+  const page = await begun(await newContext({ hasTouch: true })), found = { texts: [await text(page)] };
+  await canvas(page).waitFor();
+  await drawn(page);
+  await canvas(page).scrollIntoViewIfNeeded();
+  await canvas(page).focus();
+  await page.keyboard.press("n");
+  await drawn(page);
+  found.said = await note(page);
+  await page.keyboard.press("ArrowUp");
+  await current(page);
+  found.texts.push(await text(page));
+  const picture = () => canvas(page).evaluate((one) => one.toDataURL());
+  await page.keyboard.press("Escape");
+  await drawn(page);
+  const still = await picture();
+  await page.keyboard.press("ArrowUp");
+  await drawn(page);
+  found.turns = still !== (await picture()) && (await text(page)) === found.texts[1];
+  found.wide = await wide(page);
+  found.axe = await axe(page);
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return found;
+};
+
+export default scenarios;
