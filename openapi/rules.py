@@ -44,7 +44,8 @@ COUNTS = frozenset(
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
-     "confidence", "coverage_factor", "direction", "error_rate", "exceedance_probability", "extrapolation",
+     "confidence", "corridor_major_direction", "coverage_factor", "direction",
+     "error_rate", "exceedance_probability", "extrapolation",
      "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction",
      "half_width_rel", "highest_ratio", "interval", "kept_fraction", "kkt_residual", "largest_loss_probability",
      "largest_share", "limit_probability", "loss_probability", "lowest_ratio", "max_scale", "min_scale",

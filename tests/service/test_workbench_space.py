@@ -25,9 +25,9 @@ MICROMETRE = 1e-3  # mm
 
 def rounded_profile(outline: list[tuple[float, float]], height: float) -> np.ndarray:
     """(M, 3, 3) triangles of the walls and the lids (fans) of a prism about z; the outline need not be convex."""
-    faces = []
+    faces: list[tuple[tuple[float, ...], ...]] = []
     for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
-        a, b, c, d = (x0, y0, 0), (x1, y1, 0), (x1, y1, height), (x0, y0, height)
+        a, b, c, d = (x0, y0, 0.0), (x1, y1, 0.0), (x1, y1, height), (x0, y0, height)
         faces += [(a, b, c), (a, c, d)]
     for z in (0.0, height):
         faces += [((0, 0, z), (*outline[k - 1], z), (*outline[k], z)) for k in range(len(outline))]
