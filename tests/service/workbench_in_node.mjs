@@ -61,7 +61,7 @@ const bundle = await rolldown({
   resolve: { modules: [`${modules}/node_modules`], extensions: [".ts", ".tsx", ".js"] },
   plugins: [{ name: "entry", resolveId: (id) => (id === "entry" ? id : null), load: (id) => (id === "entry" ? entry : null) }],
 });
-const { output } = await bundle.generate({ format: "esm" });
+const { output } = await bundle.generate({ format: "esm", inlineDynamicImports: true });
 const page = await import(`data:text/javascript;base64,${Buffer.from(output[0].code).toString("base64")}`);
 const { acts, api, jobs, state, Contributors, Files, Form, Review, Runs, Verdict, h, render } = page;
 

@@ -65,7 +65,7 @@ REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for un
 LAST_BARRIER, WORST_CONDITION = 1e-5, 1e12
 
 
-class Beads(NamedTuple):
+class AlikeBeads(NamedTuple):
     """Beads that are alike: each, followed by its copies, anywhere in one region."""
 
     number: int
@@ -84,7 +84,7 @@ class Information:
     sizes: tuple[Array, ...]  # the same of their absolute terms
     whiten: Array  # (2, V, 2, 2): of fiducials and target, 1/px
     target_mm: Array  # (3,) as the estimator sees it
-    beads: tuple[Beads, ...]
+    beads: tuple[AlikeBeads, ...]
     spacing_mm: float  # between any two
 
     @property
@@ -287,7 +287,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
     assume = identity.copy()
     assume[:3] = np.column_stack([turn, shift])
     copies = [identity, *(_matrix(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
-    groups: dict[tuple[object, ...], Beads] = {}
+    groups: dict[tuple[object, ...], AlikeBeads] = {}
     shapes: tuple[Shape, ...] = ()
     for i, position in enumerate(system.fiducials_mm):
         if i in copied:
@@ -302,7 +302,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
         shapes, which = distinct([*shapes, region])
         key = which[-1], sees.tobytes(), made.tobytes()
         number = groups[key].number + 1 if key in groups else 1
-        groups[key] = Beads(number, region, maps, sees, made)
+        groups[key] = AlikeBeads(number, region, maps, sees, made)
     known = system.estimator.believes_intrinsics
     tangents, sizes = zip(*(_tangents(known, each, target) for each in projections), strict=True)
     return Information(projections, tangents, sizes, whiten, target, tuple(groups.values()), problem.min_spacing_mm)
@@ -413,7 +413,7 @@ def enclose(forms: Forms, centres: Array, half: Array, reach: Array, displaced: 
 class Cells(NamedTuple):
     """Where beads that are alike may be, in parts."""
 
-    beads: Beads
+    beads: AlikeBeads
     places: tuple[Array, ...]  # (4, 4) of each copy, from coordinates about the middle of the box
     centres: Array  # (n, 3) about that
     half: Array  # (3,) of a cell
@@ -436,7 +436,7 @@ class Cells(NamedTuple):
         return np.asarray(np.partition(values, len(values) - kept, axis=0)[len(values) - kept :].sum(axis=0))
 
 
-def cells_of(information: Information, beads: Beads) -> Cells:
+def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     """The region of beads in cells of one size: those that it reaches into."""
     low, high = bounding_box(beads.region)
     middle, reach = (low + high) / 2, ((high - low) / 2 + GRID_MM) * (high > low)

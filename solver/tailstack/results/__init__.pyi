@@ -1,9 +1,9 @@
+from .global_bound import GlobalBound as GlobalBound
 from .optimisation import AimedView as AimedView
 from .optimisation import Certificate as Certificate
 from .optimisation import ChangedTolerance as ChangedTolerance
 from .optimisation import CountTried as CountTried
 from .optimisation import FrontPoint as FrontPoint
-from .optimisation import GlobalBound as GlobalBound
 from .optimisation import LocalOptimum as LocalOptimum
 from .optimisation import MovedFiducial as MovedFiducial
 from .optimisation import MovedPivot as MovedPivot
