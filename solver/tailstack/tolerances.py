@@ -294,3 +294,8 @@ def coverage_of(law: str, factor: float | None) -> float:
     if law != "normal":
         return 1.0
     return DEFAULT_COVERAGE if factor is None else factor
+
+
+def say_law(law: str, factor: float | None) -> str:
+    """A law in words, of a normal one with how many standard deviations its half-width is."""
+    return f"{law}, {coverage_of(law, factor):g} standard deviations" if law == "normal" else law

@@ -4,6 +4,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { current, pathOf, refused, type Score, send } from "./api";
+import { SEATS } from "./document";
 import { design, type Edit, gesture, type Json, type Path, pointerOf, valueAt, withEdits } from "./state";
 import { answering, known, type Known, read, shown, standing, standingOf } from "./readings";
 import { brief, decimalsOf } from "./words";
@@ -167,7 +168,7 @@ async function wallOf(asked: Json, finest: Map<string, number>, seats: number, o
 export const START = "from: a box round the beads, seats ± 50 %";
 
 /** Each half-width of both seats, free from so many times what it is to so many. */
-export const seatsOf = (data: Json, least: number, most: number): Json[] => ["structure_connector", "connector_flange"].flatMap((interface_) => {
+export const seatsOf = (data: Json, least: number, most: number): Json[] => SEATS.flatMap((interface_) => {
   const seat = data?.interfaces?.[interface_] ?? {}, named: [string, Json][] = [...Object.entries(seat.tolerances ?? {}), ...(Array.isArray(seat.locators) ? seat.locators.map((each: Json) => [each?.name, each] as [string, Json]) : [])];
   return named.flatMap(([component, given]) => ["deg", "mm"].flatMap((unit) => {
     const width = given?.[`half_width_${unit}`];

@@ -1,6 +1,6 @@
 // Where several beads come to when they are mirrored, turned or set on a circle together.  All in con, mm.
 
-import { add, cross, dot, length, type Vector } from "./geometry";
+import { across, add, cross, dot, unit, type Vector } from "./geometry";
 
 /** A plane through a point with a normal, or an axis through it along a direction of any length. */
 export interface Line {
@@ -8,17 +8,16 @@ export interface Line {
   along: Vector;
 }
 const DEGREE = Math.PI / 180;
-const unitOf = ({ along }: Line): Vector => along.map((v) => v / length(along)) as Vector;
 
 /** Across the plane through the point, normal to the line. */
 export function mirrored(position: Vector, plane: Line): Vector {
-  const normal = unitOf(plane);
+  const normal = unit(plane.along);
   return add(position, normal, -2 * dot(add(position, plane.point, -1), normal));
 }
 
 /** About the line, right-handed (Rodrigues). */
 export function turned(position: Vector, axis: Line, degrees: number): Vector {
-  const along = unitOf(axis), from = add(position, axis.point, -1), [c, s] = [Math.cos(degrees * DEGREE), Math.sin(degrees * DEGREE)];
+  const along = unit(axis.along), from = add(position, axis.point, -1), [c, s] = [Math.cos(degrees * DEGREE), Math.sin(degrees * DEGREE)];
   const side = cross(along, from), up = dot(along, from) * (1 - c);
   return add(axis.point, from.map((v, k) => v * c + side[k] * s + along[k] * up) as Vector);
 }
@@ -26,7 +25,7 @@ export function turned(position: Vector, axis: Line, degrees: number): Vector {
 /** At equal angles on one circle about the line, in the order in which they stand: its radius and height are the means, and
  * it is turned so that the squares of what the beads move are least. */
 export function onCircle(positions: readonly Vector[], axis: Line): Vector[] {
-  const along = unitOf(axis), first = cross(along, Math.abs(along[0]) < 0.6 ? [1, 0, 0] : [0, 1, 0]).map((v, _, all) => v / length(all)) as Vector, second = cross(along, first);
+  const along = unit(axis.along), first = across(along), second = cross(along, first);
   const from = positions.map((position) => add(position, axis.point, -1)), flat = from.map((v) => [dot(v, first), dot(v, second), dot(v, along)]);
   const mean = (values: number[]) => values.reduce((sum, v) => sum + v, 0) / values.length, count = positions.length, step = (2 * Math.PI) / count;
   const radius = mean(flat.map(([x, y]) => Math.hypot(x, y))), height = mean(flat.map(([, , z]) => z)), angles = flat.map(([x, y]) => Math.atan2(y, x));

@@ -55,6 +55,8 @@ const TOO_DEEP = "It is nested too deep for a design.";
 const words = ({ code, message }: { code: string; message: string }) =>
   code === "MULTIPLE_DOCS" ? "There are several documents in it; a design is one." : /call stack/.test(message) ? TOO_DEEP : message.split("\n")[0];
 
+export const SEATS = ["structure_connector", "connector_flange"]; // interfaces of a design
+
 export function parse(source: string): Parsed {
   const empty: Parsed["empty"] = [];
   let document = new YamlDocument(null) as unknown as Document, errors: Mark[], data: Json = null;

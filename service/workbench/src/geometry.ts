@@ -68,6 +68,12 @@ export function contour(values: readonly (number | null)[], size: number, level:
 
 export const length = (a: readonly number[]) => Math.hypot(...a);
 
+/** Of length 1 along a vector that has a length. */
+export const unit = (v: Vector): Vector => v.map((x) => x / length(v)) as Vector;
+
+/** One of the unit vectors across a direction. */
+export const across = (along: Vector): Vector => unit(cross(along, Math.abs(along[0]) < 0.6 ? [1, 0, 0] : [0, 1, 0]));
+
 /** 1, 2 or 5 times a power of ten, at most ``about``. */
 export function roundStep(about: number): number {
   const power = 10 ** Math.floor(Math.log10(about));

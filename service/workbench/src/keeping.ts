@@ -1,7 +1,7 @@
 // What beads keep while they are moved: distances from one another, and zones in which none may be, as the optimiser has
 // them (optimisation/regions.py).  All in con, mm.
 
-import { add, cross, dot, length, type Vector } from "./geometry";
+import { across, add, dot, length, unit, type Vector } from "./geometry";
 
 interface Round {
   radius_mm: number;
@@ -30,13 +30,13 @@ interface Breach {
   words: string;
 }
 
-const unit = (v: Vector, otherwise: Vector): Vector => (length(v) > 1e-12 ? (v.map((x) => x / length(v)) as Vector) : otherwise);
+const unitOr = (v: Vector, otherwise: Vector): Vector => (length(v) > 1e-12 ? unit(v) : otherwise);
 
 /** The shortest way out of a zone with its clearance: each face is moved out by that; null outside it. */
 export function wayOut(zone: Zone, point: Vector): Breach | null {
   const gap = zone.clearance_mm ?? 0, ways: { mm: number; way: Vector }[] = [];
-  const round = ({ radius_mm: radius, inner_radius_mm: inner = 0 }: Round, from: Vector, across: Vector) => {
-    const far = length(from), way = unit(from, across);
+  const round = ({ radius_mm: radius, inner_radius_mm: inner = 0 }: Round, from: Vector, otherwise: Vector) => {
+    const far = length(from), way = unitOr(from, otherwise);
     ways.push({ mm: radius + gap - far, way });
     if (inner - gap > 0) ways.push({ mm: far - inner + gap, way: way.map((x) => -x) as Vector });
   };
@@ -47,8 +47,8 @@ export function wayOut(zone: Zone, point: Vector): Breach | null {
     }
   } else if (zone.ball) round(zone.ball, add(point, zone.ball.centre_mm, -1), [1, 0, 0]);
   else if (zone.cylinder) {
-    const { base_mm: base, axis = [0, 0, 1], height_mm: height } = zone.cylinder, along = unit(axis, [0, 0, 1]), from = add(point, base, -1), up = dot(from, along);
-    round(zone.cylinder, add(from, along, -up), unit(cross(along, Math.abs(along[0]) < 0.6 ? [1, 0, 0] : [0, 1, 0]), [1, 0, 0]));
+    const { base_mm: base, axis = [0, 0, 1], height_mm: height } = zone.cylinder, along = unitOr(axis, [0, 0, 1]), from = add(point, base, -1), up = dot(from, along);
+    round(zone.cylinder, add(from, along, -up), across(along));
     ways.push({ mm: up + gap, way: along.map((x) => -x) as Vector }, { mm: height + gap - up, way: along });
   }
   const least = ways.reduce((a, b) => (b.mm < a.mm ? b : a), { mm: Infinity, way: [1, 0, 0] as Vector });
@@ -59,7 +59,7 @@ export function wayOut(zone: Zone, point: Vector): Breach | null {
 export function breaches(position: Vector, others: readonly Place[], { spacing_mm, zones }: Rules): Breach[] {
   const near = others.flatMap((other) => {
     const from = add(position, other.position, -1), mm = spacing_mm - length(from);
-    return mm > 1e-9 ? [{ mm, way: unit(from, [1, 0, 0]), words: `nearer than ${spacing_mm} mm to ${other.label}` }] : [];
+    return mm > 1e-9 ? [{ mm, way: unitOr(from, [1, 0, 0]), words: `nearer than ${spacing_mm} mm to ${other.label}` }] : [];
   });
   return [...near, ...zones.flatMap((zone) => wayOut(zone, position) ?? [])].sort((a, b) => b.mm - a.mm);
 }

@@ -1,7 +1,7 @@
 // Many designs at once: which numbers vary between which bounds, a low-discrepancy sequence of them, what each costs,
 // which of them keep to what was brushed, and a picture of all their lines.  Scores are the service's.
 
-import { type Json, type Path, pointerOf, valueAt } from "./document";
+import { type Json, type Path, pointerOf, SEATS, valueAt } from "./document";
 
 /** A number that may vary, at one place of the design or at several. */
 export interface Axis {
@@ -84,7 +84,7 @@ function freeOf(data: Json): Free[] {
     const price = grades ? (h: number) => Math.min(Infinity, ...grades.filter((grade) => grade?.[field] <= h * (1 + 1e-9)).map((grade) => grade.price)) : curveOf(stated, unit);
     return typeof low === "number" && typeof high === "number" ? [{ path, low, high, choices, price }] : [];
   };
-  const common = ["structure_connector", "connector_flange"].flatMap((name) => {
+  const common = SEATS.flatMap((name) => {
     const { correlation, ...declared } = data?.interfaces?.[name]?.tolerances ?? {}, together: Json[] = Array.isArray(correlation) ? correlation.flatMap((pair) => (pair?.coefficient ? pair.between ?? [] : [])) : [];
     return Object.entries({ deg: section?.rotation_bounds, mm: section?.translation_bounds }).flatMap(([unit, bounds]) => bounds ? COMPONENTS[unit].filter((c) => declared[c] && !together.includes(c) && !listed.some((each) => each?.interface === name && each.component === c)).flatMap((c) => freed(name, c, unit, bounds)) : []);
   });

@@ -284,8 +284,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
     places = {i: place for place in problem.places for i in place.fiducials[:1]}
     copied = {i for place in problem.places for i in place.fiducials[1:]}
     identity = np.eye(4)
-    assume = identity.copy()
-    assume[:3] = np.column_stack([turn, shift])
+    assume = _matrix(turn, shift)
     copies = [identity, *(_matrix(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
     groups: dict[tuple[object, ...], AlikeBeads] = {}
     shapes: tuple[Shape, ...] = ()

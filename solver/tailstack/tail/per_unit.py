@@ -289,18 +289,23 @@ def position_of(ranked: Array, width: int, value: float) -> float:
     return low + (value - here) / (average_rank(ranked, width, high) - here)
 
 
-def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuantile:
-    """The fraction-quantile of R over units; the control is |d| at its own, ``distance``."""
+def _window(units: Units, fraction: float, distance: LawQuantile) -> tuple[int, float, NDArray[np.intp], Array]:
+    """Half-width of the triangle that ranks are averaged over, the place of its middle, units by |d|, R of each unit:
+    solved over twice the window, of which some may enter it, and from which its slope is read."""
     n = units.distance.size
     width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
-    ranks = np.arange(n)
     by_distance = np.argsort(units.distance)
     position = position_of(units.distance[by_distance], width, distance.quantile_mm)
-    # Twice the window: what may enter it, and what its slope is read from.
     own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
-    order = np.argsort(own)
+    return width, position, by_distance, own
+
+
+def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuantile:
+    """The fraction-quantile of R over units; the control is |d| at its own, ``distance``."""
+    width, position, by_distance, own = _window(units, fraction, distance)
+    n, order = own.size, np.argsort(own)
     rank, distance_rank = np.empty(n), np.empty(n)
-    rank[order] = distance_rank[by_distance] = ranks
+    rank[order] = distance_rank[by_distance] = np.arange(n)
     weight = width - np.abs(rank - position)
     # A unit is taken by its number in the sample: neighbouring laws take the same ones.
     near = np.flatnonzero(weight[: max(CORRECTED * n // (2 * width), 1)] > 0)
@@ -345,13 +350,8 @@ def unit_gradient(
     units = draw_units(installation, shot, p, log2_units)
     distance = law_quantile(installation, fraction, fine=False)
     control = law_gradient(installation, distance, fine=False)
-    n = units.distance.size
-    width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
-    by_distance = np.argsort(units.distance)
-    position = position_of(units.distance[by_distance], width, distance.quantile_mm)
-    near = max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1)
-    own = solve_between(units, *near)
-    order = np.argsort(own)
+    width, position, by_distance, own = _window(units, fraction, distance)
+    n, order = own.size, np.argsort(own)
     weight, control_weight = np.zeros(n), np.zeros(n)
     steepness = []
     for weights, by, value in ((weight, order, own), (control_weight, by_distance, units.distance)):

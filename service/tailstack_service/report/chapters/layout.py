@@ -7,6 +7,7 @@ from tailstack.errors import TailstackError
 from tailstack.results import Score
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
+from tailstack.tolerances import say_law
 
 from ...rendering.blocks import Block, Figure
 from ..images import draw_images
@@ -61,8 +62,7 @@ def beads_table(data: dict[str, object]) -> Table:
     columns = (Column("Bead"), *(Column(f"{axis}{end}", "mm", "given") for end in ("", " ±") for axis in "xyz"))
     law = "no tolerance is declared: every bead counts as exactly there"
     if made is not None:
-        factor = f", {made.coverage_factor or 2:g} standard deviations" if made.distribution == "normal" else ""
-        law = f"half-widths, {made.distribution}{factor}"
+        law = f"half-widths, {say_law(made.distribution, made.coverage_factor)}"
     size = design.document.fiducials.diameter_mm
     note = f"Tolerances: {law}." + ("" if size is None else f" Diameter {size:g} mm.")
     beads = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)

@@ -13,6 +13,7 @@ import numpy as np
 from tailstack.results import Provenance
 from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
+from tailstack.tolerances import say_law
 
 from ...rendering.blocks import Document, Facts, Figure, KeyNumber, Paragraph, Section
 from ...rendering.tables import csv_text, plain_text
@@ -201,8 +202,7 @@ def _numbers(sheet: Sheet) -> Iterator[KeyNumber]:
 
 
 def _law(tolerance: DrawnTolerance) -> str:
-    factor = tolerance.coverage_factor or (2 if tolerance.law == "normal" else None)
-    return tolerance.law if factor is None else f"{tolerance.law}, {factor:g} standard deviations"
+    return say_law(tolerance.law, tolerance.coverage_factor)
 
 
 def _beads_table(sheet: Sheet) -> Table:

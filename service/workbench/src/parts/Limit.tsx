@@ -6,6 +6,7 @@ import { useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { placeOf, seatsOf } from "../advice";
 import { current, late, readRefusal, refused, send, unreachable } from "../api";
+import { SEATS } from "../document";
 import { answering, type Check, decisive, estimated, known, standing } from "../readings";
 import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
 import { brief, mm, readNumber, stated } from "../words";
@@ -35,7 +36,7 @@ export function seatOf(data: Json, path: Path): string | null {
 const free = computed(() => {
   const { tolerances = [], rotation_bounds: turns, translation_bounds: shifts } = withFree(settled.value)?.optimise ?? {}, names = [...(turns ? ROTATIONS : []), ...(shifts ? TRANSLATIONS : [])];
   const listed: string[] = (Array.isArray(tolerances) ? tolerances : []).filter((each) => !each?.grades).map((each) => `${each?.interface}.${each?.component}`);
-  return new Set([...listed, ...["structure_connector", "connector_flange"].flatMap((seat) => names.map((name) => `${seat}.${name}`))]);
+  return new Set([...listed, ...SEATS.flatMap((seat) => names.map((name) => `${seat}.${name}`))]);
 });
 
 const locked = signal<ReadonlySet<string>>(new Set());

@@ -5,8 +5,9 @@ import { signal } from "@preact/signals";
 import { adding, beads, called, movingTo, pick, stopped, toggle, wrong } from "../beads";
 import { seenAt, snaps, stepped, surface, touching } from "../carrier";
 import { turned } from "../arrange";
+import { SEATS } from "../document";
 import { add, cross, dot, length, type Pixel, rounded, type Vector } from "../geometry";
-import { type Mesh, picture } from "../mesh";
+import { type Mesh, picture, type Seen } from "../mesh";
 import { cancelGesture, design, type Edit, edit, finishGesture, gesture, type Json, picked, type Path, pointed, PRESSES, preview, say, selected, settled } from "../state";
 
 export interface Item {
@@ -20,15 +21,9 @@ export interface Item {
 export interface Scene {
   items: Item[];
 }
-export interface Viewer {
+export interface Viewer extends Seen {
   canvas: HTMLCanvasElement;
   scene: Scene;
-  right: Vector;
-  up: Vector;
-  scale: number;
-  centre: Vector;
-  width: number;
-  height: number;
   extent: "near" | "far";
   under?(context: CanvasRenderingContext2D): void;
   over?(context: CanvasRenderingContext2D): void;
@@ -57,7 +52,7 @@ interface Beam {
   up: Vector;
 }
 
-const SEATS = ["structure_connector", "connector_flange"], AIMED = /^(orientation|beam_direction)$/, ALONG: Record<string, Vector> = { AP: [0, 1, 0], LAT: [-1, 0, 0] };
+const AIMED = /^(orientation|beam_direction)$/, ALONG: Record<string, Vector> = { AP: [0, 1, 0], LAT: [-1, 0, 0] };
 const isPoint = (value: Json): value is Vector => Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number" && Number.isFinite(v));
 const REACH = 12, STILL = 3, FINE = 0.1, STEEPEST = 0.98; // pixels; a beam's cosine to what is up in its image
 
