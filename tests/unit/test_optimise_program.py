@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -27,7 +28,8 @@ from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, Program, build_program
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, mirror, turns
-from tailstack.optimisation.terms import pivot_shift_of, terms_of
+from tailstack.optimisation.search import search
+from tailstack.optimisation.terms import every_terms, pivot_shift_of, terms_of
 from tailstack.propagation.linear import LinearModel, covariance, linearise
 from tailstack.system import Law, Reading
 
@@ -382,3 +384,30 @@ def test_rows_between_fixed_fiducials_are_left_out() -> None:
     assert sorted(row.fiducials for row in spacing) == [(0, 2), (1, 2), (2, 3), (2, 4), (2, 5)]
     fixed = _built(fixed_layout(oracle_problem(8), cube_fiducials()))
     assert [row.kind for row in fixed.rows] == ["quantile"]
+
+
+def _costs(problem: PlacementProblem) -> Array:
+    """What two starts come to: variables and cost."""
+    found = search(problem, starts=2, seed=3, threads=1)
+    return np.concatenate([found.iterates[0].point.x, [found.best_objective]])
+
+
+def test_a_programme_serves_another_limit_and_nothing_else() -> None:
+    """independent: the same search in a thread that has built nothing yet, bit for bit."""
+    problem = oracle_problem(6)
+    wider = replace(problem, requirements=(requirement(1.3 * problem.requirements[0].limit),))
+    dearer = replace(problem, half_widths=tuple(replace(f, price=reciprocal(2.0)) for f in problem.half_widths))
+    first = build_program(problem, every_terms(problem))
+    again = build_program(wider, every_terms(wider))
+    assert again.explore[0] is first.explore[0]
+    assert again.problem is wider
+    assert build_program(dearer, every_terms(dearer)).explore[0] is not first.explore[0]
+    here = [_costs(each) for each in (problem, wider, problem, dearer)]
+    alone = []
+    for each in (problem, wider, dearer):
+        with ThreadPoolExecutor(1) as thread:
+            alone.append(thread.submit(_costs, each).result())
+    assert here[0].tobytes() == here[2].tobytes() == alone[0].tobytes()
+    assert here[1].tobytes() == alone[1].tobytes()
+    assert here[3].tobytes() == alone[2].tobytes()
+    assert here[0][-1] > here[1][-1]

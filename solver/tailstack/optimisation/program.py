@@ -11,10 +11,13 @@ The rules that a layout keeps are named rows of the programme: spacing, clearanc
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from itertools import combinations, product
+from threading import local
 from typing import Any, Literal, NamedTuple
 
 import casadi as ca
@@ -23,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of, needed_gap
-from ..system import ArrayLike, View
+from ..system import ArrayLike, Requirement, View
 from .curvature import Curvature
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import log_smooth_cost, smooth_cost
@@ -206,8 +209,40 @@ class Program:
         return np.array([float(region.exact_level(at)[0]) - float(region.level(at[0])) for region, at in each])
 
 
+_last = local()  # of each thread: the programme that it built last, and ``key``
+
+
 def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int = 1) -> Program:
-    """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
+    """The programme of a problem with a solver for each thread: the last one again where only limits differ.
+
+    Limits are its parameters, and to build that of the demo takes longer than to solve it from every start.
+    """
+    key = _key(problem, terms, threads)
+    if getattr(_last, "key", None) != key:
+        _last.key = _last.program = None  # the old one goes first: a large one holds hundreds of megabytes
+        _last.program, _last.key = _build(problem, terms, threads), key
+    program: Program = _last.program
+    quantiles = (replace(row, text=term.demand.text) for row, term in zip(program.rows, terms, strict=False))
+    return replace(program, problem=problem, terms=terms, rows=(*quantiles, *program.rows[len(terms) :]))
+
+
+def _key(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int) -> bytes:
+    """All that a programme is built from but its limits."""
+
+    def unlimited(requirement: Requirement) -> Requirement:
+        return replace(requirement, limit=1.0)
+
+    system = replace(problem.system, requirements=())
+    survival = problem.survival and replace(problem.survival, requirement=unlimited(problem.survival.requirement))
+    requirements = tuple(map(unlimited, problem.requirements))
+    problem = replace(problem, system=system, requirements=requirements, survival=survival)
+    demands = (replace(term.demand, requirement=unlimited(term.demand.requirement)) for term in terms)
+    bare = [replace(term, demand=demand) for term, demand in zip(terms, demands, strict=True)]
+    return sha256(pickle.dumps((problem, bare, threads))).digest()
+
+
+def _build(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int) -> Program:
+    """Expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
     movable = np.array([place.fiducials[0] for place in problem.places], dtype=np.int64)
     boxes = [bounding_box(place.region) for place in problem.places]
     boxes += [np.array([free.low_mm, free.high_mm]) for free in problem.pivots]
