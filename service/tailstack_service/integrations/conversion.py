@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from tailstack.design import Design, Limits
     from tailstack.design.fiducial_files import FiducialList
     from tailstack.integrations.conversion import Conversion as Made
-    from tailstack.integrations.step import StepBody, StepSelection
+    from tailstack.integrations.step import StepBody, StepSelection, StepTolerance
 
     from ..processes.task import RawRequest
     from ..settings import Settings
@@ -169,6 +170,28 @@ class ConvertedBody:
     """Why it was left; empty: it became a fiducial."""
 
 
+@dataclass(frozen=True, slots=True)
+class ConvertedTolerance:
+    text: str
+    """As on a drawing: `position Ø0.05 (M) | A | B`."""
+    kind: str
+    """What it is of: flatness, position, diameter, linear distance, ..."""
+    unit: Literal["mm", "deg"]
+    """Of its numbers."""
+    value: float | None
+    """Width or diameter of the zone, or the nominal size; null: the file states none."""
+    lower: float | None
+    """Lower deviation of a size; null: none is stated."""
+    upper: float | None
+    """Upper deviation of a size; null: none is stated."""
+    fit: str
+    """Class of ISO 286, such as H7; empty: none."""
+    datums: tuple[str, ...]
+    """Letters of the datums, in their order."""
+    at_mm: tuple[tuple[float, float, float], ...]
+    """The middle of each face that it is of, con, mm."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Conversion(Published):
     """A fiducial file or a design in another format, and the fiducials in it."""
@@ -185,6 +208,8 @@ class Conversion(Published):
     """What was done to the numbers on the way."""
     bodies: tuple[ConvertedBody, ...] = ()
     """Of a STEP file: the balls that became fiducials, and whatever has a spherical face or a name as asked for."""
+    tolerances: tuple[ConvertedTolerance, ...] = ()
+    """Of a STEP file: the tolerances and dimensions that it states as such (AP242), not those that are only drawn."""
 
 
 # --- a file into a design or another file -------------------------------------------------------------------
@@ -338,6 +363,20 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
             ConvertedBody(body.label, body.path, body.position_mm, body.diameter_mm, body.reason)
             for body in made.bodies
         ),
+        tolerances=tuple(
+            ConvertedTolerance(
+                text=each.text,
+                kind=each.kind,
+                unit=each.unit,
+                value=each.value,
+                lower=each.lower,
+                upper=each.upper,
+                fit=each.fit,
+                datums=each.datums,
+                at_mm=tuple(face.place for face in each.faces),
+            )
+            for each in made.tolerances
+        ),
     )
     return Reception(answer=to_json(record))
 
@@ -389,7 +428,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
             detail = f"cannot write {file}: {error.strerror}"
             raise DesignError(Problem("", "file-unwritable", detail)) from None
         print(f"wrote {file}", file=sys.stderr)
-    return Answer(describe_bodies(made.bodies))
+    return Answer(describe_bodies(made.bodies) + describe_tolerances(made.tolerances))
 
 
 def _read_references(source: Path) -> tuple[bytes, str] | None:
@@ -446,6 +485,23 @@ def describe_bodies(bodies: Sequence[StepBody]) -> str:
         rows.append([path, reason + (f" ({len(alike)} times)" if len(alike) > 1 else ""), *place(alike[0])])
     more = f"and {len(left) - LISTED} more\n" if len(left) > LISTED else ""
     return f"{text}\n{len(left)} were left:\n\n{draw_table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
+
+
+def describe_tolerances(tolerances: Sequence[StepTolerance]) -> str:
+    """What a STEP file states of its drawing, as a table; those alike are one line."""
+    alike: dict[tuple[str, str], list[StepTolerance]] = {}
+    for each in tolerances:
+        surfaces = Counter(face.surface for face in each.faces)
+        of = ", ".join(f"{count} {name} faces" if count > 1 else name for name, count in surfaces.items())
+        alike.setdefault((each.text, of or "no face"), []).append(each)
+    if not alike:
+        return ""
+    rows = []
+    for (text, of), own in alike.items():
+        place = [f"{value:.3f}" for value in own[0].faces[0].place] if own[0].faces else ["", "", ""]
+        rows.append([text, of, f"{len(own)}", *place])
+    header = ["tolerance", "of", "times", "x\nmm", "y\nmm", "z\nmm"]
+    return f"\n{len(tolerances)} tolerances and dimensions of the drawing:\n\n{draw_table(header, rows, left=2)}\n"
 
 
 CSV = ExampleBody("Csv", "The file itself", BEADS)

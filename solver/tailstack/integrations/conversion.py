@@ -18,7 +18,7 @@ from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_byt
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
 from ..errors import DesignError, LimitError, Problem
 from .calibration_cages import CageForm, read_cage, write_cage
-from .step import StepBody, StepContact, StepSelection, read_step
+from .step import StepBody, StepContact, StepSelection, StepTolerance, read_step
 from .step.part21 import MOST_BYTES
 
 Base = Design | Callable[[FiducialList], Design]
@@ -34,6 +34,7 @@ class Conversion:
     notes: tuple[str, ...]  # sentences: what was converted, left out or renamed
     fiducials: FiducialList  # as they stand in it
     bodies: tuple[StepBody, ...] = ()  # of a STEP file: those that became fiducials, and those that were left
+    tolerances: tuple[StepTolerance, ...] = ()  # of a STEP file: tolerances and dimensions that it states as such
 
 
 def convert(
@@ -71,7 +72,7 @@ def convert(
         reading = read_step(content, source_name, selection, limits)
         data, notes = _place_fiducials(base, reading.fiducials, reading.contacts)
         text = _write_data(data, reading.fiducials, target_name, written)
-        return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies)
+        return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies, reading.tolerances)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(ENDINGS) and not _is_design(content, source_name):

@@ -303,7 +303,7 @@ class Assembly(Shapes):
             for number in self.file.references(units[0], context) if units else ():
                 unit = self.file.read(number, context)
                 if "LENGTH_UNIT" in unit.parts:
-                    factor = self._millimetres(unit, 0)
+                    factor = self.millimetres(unit, 0)
                     symbols = {1.0: "mm", 25.4: "in", 10.0: "cm", 1000.0: "m", 1e-3: "um"}
                     near = [symbol for known, symbol in symbols.items() if abs(factor / known - 1) < 1e-9]
                     self._factors[context] = (near[0] if near else "", factor)
@@ -313,7 +313,8 @@ class Assembly(Shapes):
                 raise self.file.refuse(context, "no-unit", detail, "export it with units")
         return self._factors[context]
 
-    def _millimetres(self, unit: Instance, depth: int) -> float:
+    def millimetres(self, unit: Instance, depth: int = 0) -> float:
+        """mm in a unit of length.  Raises StepError for one that is not known."""
         file, number = self.file, unit.number
         if "SI_UNIT" in unit.parts:
             prefix, name = file.part(unit, "SI_UNIT", 2)
@@ -330,7 +331,7 @@ class Assembly(Shapes):
         if len(values) != 2 or depth > 3:
             raise file.refuse(measure, "wrong-count", f"#{number} is a measure and its unit")
         inner = file.read(reference_of(file, values[1], instance.number), instance.number)
-        factor = file.number(values[0], instance.number) * self._millimetres(inner, depth + 1)
+        factor = file.number(values[0], instance.number) * self.millimetres(inner, depth + 1)
         called = decode_text(name).upper()
         known = _INCHES.get(called)
         if factor <= 0 or (known is not None and abs(factor / known - 1) > 1e-6):

@@ -41,6 +41,7 @@ _TOKEN = re.compile(
     rb"|(\"[0-9A-F]*+\"))",
     re.DOTALL,
 )
+_COMPLEX = (b"REPRESENTATION_RELATIONSHIP", b"GEOMETRIC_TOLERANCE", b"DIMENSIONAL_LOCATION", b"DIMENSIONAL_SIZE")
 _STARTS = {
     b"PK\x03\x04": "it is a ZIP archive (.stpz, .FCStd): unpack it, or export STEP",
     b"\x1f\x8b": "it is compressed: unpack it with gunzip",
@@ -130,6 +131,10 @@ class Part21:
                 "others; export it in UTF-8, or rename the bodies"
             )
         return ""
+
+    def is_by(self, program: str) -> bool:
+        """Whether the header names a program."""
+        return program.encode() in self._content[: max(self._content.find(b"DATA;"), 0)]
 
     def line_of(self, number: int) -> int | None:
         """The line where an instance begins."""
@@ -240,7 +245,7 @@ class Part21:
             listed = self._listed.get(keyword.decode("ascii", "replace").upper())
             if listed is not None:
                 listed.append(number)
-        elif b"REPRESENTATION_RELATIONSHIP" in match[0]:  # the only complex ones that are listed
+        elif any(word in match[0] for word in _COMPLEX):  # the only complex ones that are listed
             keywords = _KEYWORDS.findall(_TEXTS.sub(b" ", match[0]))
             for each, listed in self._listed.items():
                 if each.encode() in keywords:

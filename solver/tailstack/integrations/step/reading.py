@@ -27,6 +27,7 @@ from ...geometry.arrays import Array
 from .assembly import SOLIDS, WANTED, Assembly
 from .part21 import Part21, decode_text
 from .shapes import invert, unit_vector
+from .tolerances import WANTED_TOLERANCES, StepTolerance, read_tolerances
 
 TOLERANCE_MM = 0.01  # about a diameter that is asked for without one
 FREE_FORM = "its faces are free-form (NURBS) or revolved surfaces, of which no sphere is known"
@@ -76,6 +77,7 @@ class StepReading:
     bodies: tuple[StepBody, ...]  # first those that were taken
     contacts: tuple[StepContact, ...]  # six, or none
     notes: tuple[str, ...]  # sentences: what was done to the numbers, and what stands twice
+    tolerances: tuple[StepTolerance, ...] = ()  # con; tolerances and dimensions that the file states as such
 
 
 def read_step(
@@ -87,7 +89,7 @@ def read_step(
     or more than one thing can be meant by the selection; LimitError.
     """
     selection = selection or StepSelection()
-    file = Part21(content, name, WANTED)
+    file = Part21(content, name, (*WANTED, *WANTED_TOLERANCES))
     if not any(schema.strip().upper().startswith(_SCHEMAS) for schema in file.schemas):
         schema = ", ".join(file.schemas)[:80] or "no schema"
         detail = f"AP203, AP214 and AP242 are read; {name} states {schema}"
@@ -122,7 +124,9 @@ def read_step(
     origin = FiducialOrigin(file=name[-400:], sha256=digest, coordinate_system="LPS", **stated)
     positions = tuple(body.position_mm for body in taken if body.position_mm is not None)
     fiducials = FiducialList(tuple(labels), positions, origin)
-    return StepReading(fiducials, tuple(bodies), _contacts(assembly, selection, to_con), (*fiducials.notes, *notes))
+    tolerances, doubts = read_tolerances(assembly, to_con)
+    contacts = _contacts(assembly, selection, to_con)
+    return StepReading(fiducials, tuple(bodies), contacts, (*fiducials.notes, *notes, *doubts), tolerances)
 
 
 # --- what is asked for ------------------------------------------------------------------------------------

@@ -72,6 +72,23 @@ class Shapes:
         heights = [float((vertex - origin) @ axis) for face in faces for vertex in self._vertices(face)]
         return origin + axis * (min(heights) + max(heights)) / 2 if heights else origin, axis
 
+    def face_numbers(self, number: int) -> list[int]:
+        """Instances of the faces of a solid."""
+        return [face.number for shell, _ in self._shells(self.file.read(number)) for face in self._faces(shell)]
+
+    def describe_face(self, number: Reference) -> tuple[str, Array | None, float, Array]:
+        """Its surface ("plane", "cylinder", or the keyword of another one), frame (4, 4) with z the normal or the axis
+        (None of another one), radius, and points (n, 3) round it, in the unit of the file."""
+        face = self._face(number, number)
+        points = np.array([*self._vertices(face), *self._circles(face)]).reshape(-1, 3)
+        if face.surface == "CYLINDRICAL_SURFACE":
+            _, place, radius = self.file.values(face.geometry, face.surface, 3, number)
+            return "cylinder", self.placement(place, face.geometry), self.file.number(radius, face.geometry), points
+        if face.surface == "PLANE":
+            place = self.file.values(face.geometry, face.surface, 2, number)[1]
+            return "plane", self.placement(place, face.geometry), 0.0, points
+        return face.surface.lower().replace("_", " "), None, 0.0, points
+
     def _shells(self, solid: Instance) -> list[tuple[Reference, str]]:
         """The shells of a solid, each with why a sphere in it is no ball; empty: it may be one."""
         keyword, number, file = next(iter(solid.parts)), solid.number, self.file
@@ -93,16 +110,15 @@ class Shapes:
             shell = reference_of(file, file.part(instance, "ORIENTED_CLOSED_SHELL", 4)[2], shell)
             instance = file.read(shell)
         keyword = "OPEN_SHELL" if "OPEN_SHELL" in instance.parts else "CLOSED_SHELL"
-        faces = []
-        for number in file.references(file.part(instance, keyword, 2)[1], shell):
-            face = file.read(number, shell)
-            word = "FACE_SURFACE" if "FACE_SURFACE" in face.parts else "ADVANCED_FACE"
-            _, bounds, surface, same = file.part(face, word, 4)
-            surface = reference_of(file, surface, number)
-            faces.append(
-                _Face(number, file.keyword_of(surface, number), surface, same != "F", file.references(bounds, number))
-            )
-        return faces
+        return [self._face(number, shell) for number in file.references(file.part(instance, keyword, 2)[1], shell)]
+
+    def _face(self, number: Reference, referrer: int) -> _Face:
+        file = self.file
+        face = file.read(number, referrer)
+        word = "FACE_SURFACE" if "FACE_SURFACE" in face.parts else "ADVANCED_FACE"
+        _, bounds, surface, same = file.part(face, word, 4)
+        surface = reference_of(file, surface, number)
+        return _Face(number, file.keyword_of(surface, number), surface, same != "F", file.references(bounds, number))
 
     def _judge(self, solid: Instance) -> list[SphericalSurface]:
         spheres: list[SphericalSurface] = []
@@ -218,6 +234,19 @@ class Shapes:
             _, first, second, *_ = file.values(Reference(edge), "EDGE_CURVE", 5, face.number)
             yield self._vertex(first, edge)
             yield self._vertex(second, edge)
+
+    def _circles(self, face: _Face) -> Iterator[Array]:
+        """Corners of the squares about the full circles round a face."""
+        file = self.file
+        for edge, _ in self._edges(face):
+            _, first, second, curve, _ = file.values(Reference(edge), "EDGE_CURVE", 5, face.number)
+            if file.keyword_of(curve, edge) in ("SURFACE_CURVE", "SEAM_CURVE"):
+                curve = file.values(curve, file.keyword_of(curve, edge), 4, edge)[1]
+            if first == second and file.keyword_of(curve, edge) == "CIRCLE":
+                _, place, radius = file.values(curve, "CIRCLE", 3, edge)
+                frame, size = self.placement(place, curve), file.number(radius, curve)
+                for u, v in ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)):
+                    yield frame[:3, 3] + size * (u * frame[:3, 0] + v * frame[:3, 1])
 
     def _vertex(self, number: Any, referrer: int) -> Array:
         return self.point(self.file.values(number, "VERTEX_POINT", 2, referrer)[1], number)
