@@ -19,9 +19,20 @@ def variants() -> tuple[dict[str, Any], ...]:
     gaussian = {"structure_connector": {**connector, "tolerances": _as(connector["tolerances"], "normal")}}
     sharp = {"structure_connector": {**connector, "tolerances": {"rx": connector["tolerances"]["rx"]}}}
     silent = [{**view, "fiducial_noise_px": 0.0, "target_noise_px": 0.0} for view in EXAMPLE_DESIGN["views"]]
+    (tip,) = EXAMPLE_DESIGN["targets"]
+    entry = {"name": "entry", "position_mm": [0, 0, 40]}
+    breach = {
+        "name": "breach",
+        "error": "corridor",
+        "limit_mm": 3,
+        "statistic": "probability",
+        "limit_probability": 0.1,
+    }
+    screw = {"targets": [{**tip, "entry": "entry", "corridor_mm": 1}, entry], "requirements": [breach]}
     return (
         {**EXAMPLE_DESIGN, "interfaces": seats},
         {**plain, "interfaces": gaussian},
+        {**plain, "interfaces": gaussian, **screw},
         {**plain, "interfaces": sharp, "views": silent},
     )
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from scipy.ndimage import distance_transform_edt, spline_filter
 
@@ -79,6 +78,8 @@ class NearSurface:
     @cached_property
     def level(self) -> Any:
         """The spline, a CasADi function (3,) -> (): of the distance on the side that is asked for, or squared."""
+        import casadi as ca  # regions are drawn in reports, which do without
+
         low, high = self.box_mm
         step, counts = (float(np.prod(high - low + 4 * self.most_mm)) / NODES) ** (1 / 3) / 1.2, np.full(3, NODES)
         while np.prod(counts) > 2 * NODES:

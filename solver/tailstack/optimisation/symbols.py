@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..system import ArrayLike
@@ -25,8 +24,10 @@ def times(values: ArrayLike, factor: ArrayLike) -> ArrayLike:
 
 def gram(matrix: ArrayLike) -> ArrayLike:
     """``matrix @ matrix.T`` (m, m), in CasADi for symbols: an object array multiplies them one by one."""
-    if not any(isinstance(each, ca.SX) for each in matrix.flat):
+    if not any(type(each).__module__.startswith("casadi") for each in matrix.flat):
         return np.asarray(matrix @ matrix.T)
+    import casadi as ca  # a problem is read where it is not installed, for a report
+
     whole = ca.reshape(ca.vertcat(*matrix.T.ravel()), *matrix.shape)
     return elements(ca.vec(ca.mtimes(whole, whole.T))).reshape(len(matrix), len(matrix))
 
