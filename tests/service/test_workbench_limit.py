@@ -5,6 +5,7 @@ holds against the search of the optimiser."""
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from browsing import DEMO, asked, browser, playing, used
 from served import Served, served
 from service_scenes import EXAMPLES
@@ -121,6 +123,53 @@ def test_the_limit_is_dragged_by_a_finger_on_a_small_screen(service: Served) -> 
     assert (after["steps"], found["wide"], found["scrolled"], found["axe"]) == (2, 0, 0, [])
     assert after["limit"] == pytest.approx(0.5 * 1.35 * worst(load_design(DEMO), "tip-accuracy")[0], abs=0.02)
     assert all(min(size) >= 24 for size in found["sizes"])
+
+
+RX = "interfaces/connector_flange/tolerances/rx/half_width_deg"
+
+
+def kept(text: str, pointer: str, requirement: str) -> tuple[float, float]:
+    """The limit of a design, whose half-width is the largest of three digits that keeps it with what the estimate may
+    be off by; and that half-width."""
+    design, width = load_design(text), yaml.safe_load(text)
+    for name in pointer.split("/"):
+        width = width[name]
+    step = 10.0 ** (math.floor(math.log10(width)) - 2)
+    value, limit = worst(design, requirement)
+    check = score(load_design(DEMO), losses=False).verdict.checks[0]
+    assert check.interval[1] is not None
+    share = check.value / check.interval[1]
+    assert value <= limit * share < worst(design.with_value(f"/{pointer}", width + step), requirement)[0]
+    assert score(design, losses=False).verdict.status == "pass"
+    return limit, width
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("by", ["pointer", "finger"])
+def test_the_crossing_of_a_curve_moves_the_limit_and_its_half_width_follows(service: Served, by: str) -> None:
+    """Nothing else of the design changes, and let go it is one step."""
+    small = {"finger": True, "width": 390, "height": 844} if by == "finger" else {}
+    found = used(service.url, "curve", DEMO, script=SCRIPT, pointer=RX, by=24, name=f"curve_{by}", **small)
+    after = found["after"]
+    limit, width = kept(after["text"], RX, "tip-accuracy")
+    assert (limit, after["steps"], found["held"]["text"]) == (after["limit"], 2, DEMO)
+    assert limit > 1.05
+    assert after["says"] == f"{limit} mm is kept up to {width}°"
+    assert found["held"]["says"].startswith(f"{limit} mm is kept up to ")
+    assert width == pytest.approx(float(found["held"]["says"].split()[-1].rstrip("°")), rel=0.015)
+    changed, first = yaml.safe_load(after["text"]), yaml.safe_load(DEMO)
+    first["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = width
+    first["requirements"][0]["limit_mm"] = limit
+    assert changed == first
+    assert (found["axe"], found["held"]["wide"]) == ([], 0)
+    if by == "finger":
+        return
+    assert (found["given"]["text"], found["away"]) == (DEMO, DEMO)
+    assert kept(found["keys"]["text"], RX, "tip-accuracy")[0] == pytest.approx(1.021)
+    assert (found["keys"]["position"], found["focus"]) == (1, "crossing")
+    least = load_design(found["home"]["text"])
+    smallest = worst(least.with_value(f"/{RX}", 1e-3), "tip-accuracy")[0]
+    assert 0 < worst(least, "tip-accuracy")[1] - smallest < 0.03
 
 
 @pytest.mark.long

@@ -98,6 +98,57 @@ scenarios.touch = async () => {
   return found;
 };
 
+// The crossing of a curve under its slider: dragged, given up, let go while the service is away, moved by keys, pressed
+scenarios.curve = async () => {
+  const context = await newContext(asked.finger ? { hasTouch: true, isMobile: true } : {}), page = await begun(context), found = {}, dot = page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .crossing`);
+  await page.getByRole("button", { name: "Curves" }).click();
+  const rested = async () => { await settled(page); await dot.waitFor(); await page.locator(".curve:not(.old)").first().waitFor(); };
+  const read = async () => { await rested(); return { ...(await told(page)), limit: Number(await dot.getAttribute("aria-valuenow")), says: await dot.getAttribute("aria-valuetext") }; };
+  const session = asked.finger && await context.newCDPSession(page);
+  const pull = async () => {
+    await rested();
+    const [x, y] = await centre(dot), places = Array.from({ length: 6 }, (_, k) => x + ((k + 1) * asked.by) / 6), touch = (type, at) => session.send("Input.dispatchTouchEvent", { type, touchPoints: at === undefined ? [] : [{ x: at, y }] });
+    if (!session) await page.mouse.move(x, y);
+    await (session ? touch("touchStart", x) : page.mouse.down());
+    for (const at of places) {
+      await (session ? touch("touchMove", at) : page.mouse.move(at, y));
+      await drawn(page);
+    }
+    return () => (session ? touch("touchEnd") : page.mouse.up());
+  };
+  found.before = await read();
+  let drop = await pull();
+  await settled(page);
+  found.held = { says: await dot.getAttribute("aria-valuetext"), text: (await state(page)).text, wide: await wide(page) };
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  await drop();
+  await page.waitForFunction(() => window.workbench.state().position === 1);
+  found.after = await read();
+  found.axe = await axe(page);
+  if (asked.finger) return found;
+  await page.keyboard.press("Control+z");
+  drop = await pull();
+  await page.keyboard.press("Escape");
+  await drop();
+  found.given = await read();
+  drop = await pull();
+  await page.route("**/v1/scores/batch", (route) => route.abort());
+  await drop();
+  await page.locator(".message.bad").waitFor();
+  await page.unroute("**/v1/scores/batch");
+  found.away = (await state(page)).text;
+  await rested();
+  await dot.focus();
+  for (const key of ["ArrowRight", "ArrowRight", "Alt+ArrowRight"]) await page.keyboard.press(key);
+  await page.waitForFunction(() => window.workbench.state().position === 1);
+  found.keys = await read();
+  found.focus = await page.evaluate(() => document.activeElement.className);
+  await page.keyboard.press("Home");
+  await page.waitForFunction((was) => window.workbench.state().text !== was, found.keys.text);
+  found.home = await read();
+  return found;
+};
+
 // The service is killed while the hand holds
 scenarios.killed = async () => {
   const page = await begun(await newContext()), before = (await state(page)).text;

@@ -13,6 +13,7 @@ import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { crossingOf, Curve, drawn } from "./Curve";
+import { stepsOf } from "./grip";
 import { Lock } from "./Limit";
 import { Problems } from "./Problems";
 import { Term } from "./Words";
@@ -55,10 +56,10 @@ const rangeOf = (unit: string): Range => unit === "(1)" ? [1e-5, 0.1] : [1e-3, 1
 const toSlider = (value: number, [low, high]: Range) => Math.round(1000 * (Math.log(Math.max(value, low) / low) / Math.log(high / low)));
 const fromSlider = (at: number, [low, high]: Range) => Number((low * (high / low) ** (at / 1000)).toPrecision(2));
 
-/** So many steps in the second digit from a value. */
+/** So many steps in the second digit from a value, tenths of them in the third. */
 function nudge(value: number, steps: number, [low, high]: Range): number {
   const step = 10 ** (Math.floor(Math.log10(Math.max(value, low))) - 1);
-  return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(2))));
+  return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(Math.abs(steps) < 1 ? 3 : 2))));
 }
 
 // --- contributors ------------------------------------------------------------------------------------------------------
@@ -241,13 +242,13 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
         aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
         onInput={(event) => slideTo(event.currentTarget.valueAsNumber, event.currentTarget.clientWidth)} onChange={() => finishGesture(`${slide.label}`)}
         onKeyDown={(event) => {
-          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
+          const way = stepsOf(event, 5);
           if (event.key === "Escape") cancelGesture();
           if (!way) return;
           event.preventDefault();
           edit([{ path: slide.path, value: nudge(value, way, range) }], slide.label, PRESSES);
         }} />
-      <Curve pointer={pointer} label={slide.label} unit={slide.unit} range={range} place={(value) => toSlider(value, range) / 1000} />
+      <Curve slide={slide} range={range} place={(value) => toSlider(value, range) / 1000} />
       </span>
       {grades.length > 0 && <datalist id={marks}>{grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
       <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />

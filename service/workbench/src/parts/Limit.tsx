@@ -10,6 +10,7 @@ import { SEATS } from "../document";
 import { answering, type Check, decisive, estimated, known, standing } from "../readings";
 import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
 import { brief, mm, readNumber, stated } from "../words";
+import { grip, stepsOf } from "./grip";
 import { Term } from "./Words";
 
 type Allocation = components["schemas"]["Allocation"];
@@ -103,11 +104,11 @@ const judged = computed(() => {
   return of === undefined && first && sized.includes(first) ? first : decisive(sized);
 });
 /** What is aimed at so that the estimate passes with what it may be off by, as far as that can be reached. */
-const passing = ({ value, interval: [, high] }: Check) => (high !== null && value > 0 ? value / high : 1);
+export const passing = ({ value, interval: [, high] }: Check) => (high !== null && value > 0 ? value / high : 1);
 const aimFor = (limit: number, share: number, least: number) => Math.min(limit, Math.max(limit * share * (1 - FLOOR), least * (1 + FLOOR)));
 /** What a hand can mean: of a limit of 1 to 10, hundredths. */
-const stepFor = ({ limit }: Check) => 10 ** (Math.floor(Math.log10(limit)) - 2);
-const round = (value: number, step: number, way = Math.round) => Number((Math.max(1, way(value / step)) * step).toPrecision(12));
+export const stepFor = ({ limit }: Check) => 10 ** (Math.floor(Math.log10(limit)) - 2);
+export const round = (value: number, step: number, way = Math.round) => Number((Math.max(1, way(value / step)) * step).toPrecision(12));
 
 /** At rest: the least cost of keeping the limit, and how low it can be, before anybody pulls. */
 const rest = signal<(Answer & { design: Json; stays: ReadonlySet<string> }) | null>(null);
@@ -129,7 +130,7 @@ effect(() => {
 // --- the drag ----------------------------------------------------------------------------------------------------------
 
 const moved = signal<Answer & { design: Json }>({ found: null, problem: "", design: null }); // of the last drag; the design that it led to
-let flying = false, from: number | null = null; // px, where a pointer went down
+let flying = false;
 
 const scaleFor = ({ value, limit }: Check) => 1.35 * Math.max(value, limit);
 const lowest = (least: number, step: number) => (least > 0 ? round(least * (1 + 2 * FLOOR), step / 10, Math.ceil) : 0);
@@ -159,7 +160,7 @@ function release(what: string, within = 0): void {
 }
 
 function drop(problem = ""): void {
-  drag.value = from = null;
+  drag.value = null;
   if (problem) moved.value = { found: null, problem, design: settled.value };
   cancelGesture();
 }
@@ -243,28 +244,22 @@ export function Limit() {
     return (
       <span class={`handle ${of}`} role="slider" tabIndex={usable ? 0 : -1} aria-disabled={!usable} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)} ${unit}`}
         style={{ left: place(value) }} title={`${words}: drag it, or press an arrow key; the cheapest half-widths follow`}
-        onPointerDown={(event) => {
-          if (!usable || event.button !== 0) return;
-          event.currentTarget.setPointerCapture(event.pointerId);
-          from = event.clientX;
-        }}
-        onPointerMove={(event) => {
-          if (!event.currentTarget.hasPointerCapture(event.pointerId) || from === null) return;
-          if (!now && (Math.abs(event.clientX - from) < 3 || !grab(of))) return;
-          const { left, width } = rail.current!.getBoundingClientRect(), at = Math.min(Math.max(event.clientX - left, 1) / width, 1) * drag.value!.end, goal = of === "value" ? aimFor(check.limit, drag.value!.share, drag.value!.least) : NaN;
-          const onEdge = Math.abs(at - goal) * width < SNAP * drag.value!.end;
-          pull(onEdge ? goal : at, onEdge);
-        }}
-        onPointerUp={() => { from = null; finish(of); }}
-        onPointerCancel={() => { from = null; drop(); }}
+        {...grip({
+          track: () => rail.current!.getBoundingClientRect(), begin: () => usable && grab(of), end: () => finish(of), drop,
+          to: (part, wide) => {
+            if (!drag.value && !grab(of)) return;
+            const { end, share, least } = drag.value!, at = Math.max(part, 1 / wide) * end, goal = of === "value" ? aimFor(check.limit, share, least) : NaN, onEdge = Math.abs(at - goal) * wide < SNAP * end;
+            pull(onEdge ? goal : at, onEdge);
+          },
+        })}
         onKeyDown={(event) => {
           if (event.key === "Escape") return drop();
-          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key], end_ = { Home: least || value / 100, End: 1.35 * value }[event.key];
-          if (!usable || (!way && end_ === undefined)) return;
+          const by = stepsOf(event), to = { Home: least || value / 100, End: 1.35 * value }[event.key], step = stepFor(check);
+          if (!usable || (by === null && to === undefined)) return;
           event.preventDefault();
-          const begun = drag.value?.at ?? value, step = stepFor(check) * (event.altKey ? 0.1 : event.shiftKey ? 10 : 1);
+          const begun = drag.value?.at ?? value;
           if (!grab(of)) return;
-          pull(end_ ?? round(begun + way! * step, step), true);
+          pull(to ?? round(begun + by! * step, step * Math.min(1, Math.abs(by!))), true);
           finish(of, true);
         }} />
     );

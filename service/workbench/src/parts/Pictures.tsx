@@ -7,6 +7,7 @@ import { adding, type Bead, beads, beadsOf, called, movingTo, pick, stopped, tog
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
 import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, parse, picked, pointed, position, PRESSES, preview, say, selected, settled, steps, text, versions } from "../state";
 import { brief } from "../words";
+import { NUDGE } from "./grip";
 import { hinted } from "./Minute";
 import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
 import { Remarks } from "./Problems";
@@ -62,7 +63,6 @@ export interface Plane {
 }
 
 const REACH = 12, MARK = 6, STILL = 3; // of a press on a bead, of its mark, and of a press that moves nothing: in pixels of a picture
-const NUDGE = (event: KeyboardEvent) => (event.shiftKey ? 10 : event.altKey ? 0.1 : 1);
 
 /** What was zoomed to by hand in each picture, by its name; absent: what there is to see. */
 const zooms = signal<Readonly<Record<string, Box | undefined>>>({});

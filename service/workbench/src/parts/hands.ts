@@ -9,6 +9,7 @@ import { SEATS } from "../document";
 import { add, cross, dot, length, type Pixel, rounded, type Vector } from "../geometry";
 import { type Mesh, picture, type Seen } from "../mesh";
 import { cancelGesture, design, type Edit, edit, finishGesture, gesture, type Json, picked, type Path, pointed, PRESSES, preview, say, selected, settled } from "../state";
+import { NUDGE } from "./grip";
 
 export interface Item {
   kind: string;
@@ -256,7 +257,7 @@ export function takeHold(viewer: Viewer, figure: HTMLElement): () => void {
     else if (event.ctrlKey || event.metaKey) return;
     else if (/^[np]$/i.test(event.key) && !event.altKey && all.length) choose(all[now < 0 ? Math.max(0, all.findIndex(({ key: each }) => each === `bead ${selected.value}`)) : (now + (event.key.toLowerCase() === "n" ? 1 : all.length - 1)) % all.length]);
     else if (way && now >= 0) {
-      const { turn, position, what, step, to } = all[now], by = event.shiftKey ? 10 : event.altKey ? FINE : 1;
+      const { turn, position, what, step, to } = all[now], by = NUDGE(event);
       const shift = add(viewer.right.map((v) => v * way[0] * by), viewer.up, way[1] * by);
       const edits = turn ? aiming(turn, way[0] ? aimed(turn, way[0] * by) : tilted(turn, way[1] * by)) : step ? step(shift) : to(add(position, shift), sight());
       if (edits) edit(edits, what, PRESSES);
