@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from browsing import DEMO, browser, used
@@ -188,12 +189,39 @@ def test_numbers_are_understood_or_refused_where_they_are_typed(service: Served)
             assert entry["invalid"] == "true"
             assert float(entry["value"]) == -3.5  # of before
     assert "0,1" in found["refused"]
-    assert [float(value) for value in found["sweep"]] == pytest.approx([0.2, 0.3, 0.4])
+    assert [float(value) for value in found["sweep"]] == pytest.approx([0.2, 0.2828, 0.4])
     assert {"views › AP › fiducial_noise_px", "fiducials › F2 › position_mm › 0"}.issubset(
         " › ".join(words for words in name.split(" › ") if words != "points") for name in found["offered"]
     )
     assert not any(name.startswith("/") for name in found["offered"])
     assert found["head"] == "views.AP.fiducial_noise_px, px"
+
+
+@pytest.mark.long
+def test_a_sweep_is_a_plot_with_limit_and_the_design_as_it_was_and_a_table_to_take_from(service: Served) -> None:
+    """Places in the plot go with scores of changed documents, which are linear in it, and with logarithms of what is
+    swept, whose names and bounds are those of the list and of its optimisation."""
+    name = "connector flange (connector on flange, spigot and four bolts), rx, °"
+    found = shown(service, "sweep", axis=name)
+    pointer = "/interfaces/connector_flange/tolerances/rx/half_width_deg"
+    assert (found["offered"], found["head"][:3]) == (["0.01", "0.5"], [name, "tip", "Status"])
+    values = [float(row[0]) for row in found["rows"]]
+    assert values == pytest.approx(np.geomspace(0.01, 0.5, 7), rel=1e-3)
+    scores = [score(load_design(DEMO).with_value(pointer, value), losses=False) for value in values]
+    p95 = [each.targets[0].p95_mm for each in scores]
+    assert [row[1] for row in found["rows"]] == [f"{value:.2f}" for value in p95]
+    (points,) = found["points"]
+    along = np.polynomial.Polynomial.fit(np.log(values), [at for at, _ in points], 1)
+    up = np.polynomial.Polynomial.fit(p95, [at for _, at in points], 1)
+    assert along(np.log(values)) == pytest.approx([at for at, _ in points], abs=0.01)
+    assert up(np.array(p95)) == pytest.approx([at for _, at in points], abs=0.01)
+    assert (found["limits"], found["now"]) == ([pytest.approx(up(1.0))], [pytest.approx(along(np.log(0.2)))])
+    assert found["rings"] == sum(each.verdict.status == "fail" for each in scores)
+    assert name in found["words"]
+    for taken, value in (("keys", values[1]), ("pressed", values[2])):
+        assert yaml.safe_load(found[taken]["text"]) == load_design(DEMO).with_value(pointer, value).source.data
+    assert found["keys"]["now"].split()[-1] == "now"
+    assert (found["old"], found["axe"], found["steps"]) == (False, [], 3)
 
 
 @pytest.mark.long

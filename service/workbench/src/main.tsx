@@ -10,6 +10,7 @@ import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Asking, working } from "./parts/Files";
+import { fetched } from "./parts/fetched";
 import { Form } from "./parts/Form";
 import { Levers } from "./parts/Levers";
 import { Minute } from "./parts/Minute";
@@ -194,16 +195,6 @@ const Versions = fetched("Versions", () => import("./parts/Review").then((module
 const Comments = fetched("Comments", () => import("./parts/Review").then((module) => module.Comments));
 const Arrange = fetched("What arranges beads", () => import("./parts/Arrange").then((module) => module.Arrange));
 
-/** A part that is fetched when it is first shown. */
-function fetched(name: string, load: () => Promise<preact.ComponentType>): preact.ComponentType {
-  const loaded = signal<preact.ComponentType | null>(null);
-  return () => {
-    useEffect(() => {
-      if (!loaded.value) void load().then((part) => (loaded.value = part), () => say("This part of the page does not come: the service does not answer. Close the part and open it again.", true));
-    }, []);
-    return loaded.value ? <loaded.value /> : <p class="note">{`${name}: being fetched.`}</p>;
-  };
-}
 const unsettled = computed(() => comments.value.filter((comment) => !comment?.resolved).length);
 
 const arranging = signal(false);

@@ -1,5 +1,5 @@
 // What the workbench shows, and how it answers: one scenario of those below.  See tests/service/test_workbench_shown.py.
-import { asked, begun, bead, centre, current, downloaded, drawn, faded, newContext, number, open, part, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, downloaded, drawn, faded, newContext, number, open, part, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -239,8 +239,8 @@ scenarios.numbers = async () => {
   await number(page, "F2 x, mm", "30");
   await part(page, "Run");
   await page.locator("summary", { hasText: "Sweep one number" }).click();
-  const offered = await page.getByLabel("Number", { exact: true }).locator("option").allInnerTexts();
   await page.getByLabel("Number", { exact: true }).selectOption(asked.axis);
+  const offered = await page.getByLabel("Number", { exact: true }).locator("option").allInnerTexts();
   await page.getByLabel("from", { exact: true }).fill("zero");
   await page.getByRole("button", { name: "Sweep", exact: true }).click();
   const refused = await page.getByLabel("from", { exact: true }).evaluate((node) => node.validationMessage);
@@ -250,6 +250,40 @@ scenarios.numbers = async () => {
   await page.locator(".run[data-kind=sweep] tbody tr").first().waitFor();
   const head = await page.locator(".run[data-kind=sweep] thead th").first().innerText();
   return { found, refused, offered, head, sweep: await page.locator(".run[data-kind=sweep] tbody tr > th").allInnerTexts() };
+};
+
+// A number that is swept: its plot and its table; one of its points is taken, by keys or by a press on it
+scenarios.sweep = async () => {
+  const page = await begun(await newContext()), found = {};
+  await part(page, "Run");
+  await page.locator("summary", { hasText: "Sweep one number" }).click();
+  await page.getByLabel("Number", { exact: true }).selectOption({ label: asked.axis });
+  found.offered = await Promise.all(["from", "to"].map((label) => page.getByLabel(label, { exact: true }).inputValue()));
+  await page.getByLabel("points", { exact: true }).fill("7");
+  await page.getByRole("button", { name: "Sweep", exact: true }).click();
+  const plot = page.locator(".plot svg"), rows = page.locator(".swept tbody tr");
+  await plot.waitFor();
+  const numbers = (locator, names) => locator.evaluateAll((all, wanted) => all.map((one) => wanted.map((name) => Number(one.getAttribute(name)))), names);
+  found.points = await Promise.all((await plot.locator(".line").all()).map((line) => numbers(line.locator("circle:last-child"), ["cx", "cy"])));
+  found.limits = await plot.locator(".limit path").evaluateAll((all) => all.map((one) => Number(/ ([\d.]+)H/.exec(one.getAttribute("d"))[1])));
+  found.now = await plot.locator(".now path").evaluateAll((all) => all.map((one) => Number(/M([\d.]+) /.exec(one.getAttribute("d"))[1])));
+  found.words = await plot.getAttribute("aria-label");
+  found.head = await page.locator(".swept thead th").allInnerTexts();
+  found.rows = await rows.evaluateAll((all) => all.map((row) => [...row.cells].slice(0, -1).map((cell) => cell.textContent)));
+  await faded(page);
+  found.axe = await axe(page);
+  found.rings = await plot.locator(".fails").count();
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  await rows.nth(1).getByRole("button").focus();
+  await page.keyboard.press("Enter");
+  found.keys = { sha: await sha(page), text: (await state(page)).text, now: await rows.nth(1).innerText() };
+  await plot.locator(".free").nth(2).click();
+  found.pressed = { sha: await sha(page), text: (await state(page)).text };
+  found.old = await page.locator(".swept").evaluate((node) => node.closest(".old") !== null);
+  await number(page, "F2 x, mm", "31");
+  await page.locator(".old .swept").waitFor();
+  found.steps = (await state(page)).position;
+  return found;
 };
 
 // A diagnostic of every kind in the editor, pointed at: nothing that the policy of the page forbids.  And Tab leaves it

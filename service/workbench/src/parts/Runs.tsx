@@ -4,25 +4,22 @@ import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { optimise, takeOptimum, verify } from "../acts";
-import { key, placeInWords } from "../api";
+import { key } from "../api";
 import { START } from "../advice";
-import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, stateWords, unfinished } from "../jobs";
+import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, startProblem, stateWords, unfinished } from "../jobs";
 import { precisionOf, read } from "../readings";
-import { contentOf, design, type Json, open, pointerOf, text } from "../state";
-import { brief, countDecimals, decimalsOf, duration, mm, percent, readNumber, stated, VERDICTS } from "../words";
+import { contentOf, design, type Json, open, text } from "../state";
+import { brief, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
 import { Checks, Measures } from "./Checks";
+import { fetched } from "./fetched";
 import { Problems } from "./Problems";
 import { Reports } from "./Reports";
 
 type Distribution = components["schemas"]["ErrorDistribution"];
 
-const axis = signal(""), from = signal("0.1"), to = signal("1"), count = signal("5");
-
-function numericPaths(part: Json, path: string[] = []): string[] {
-  if (typeof part === "number") return [pointerOf(path)];
-  if (part === null || typeof part !== "object") return [];
-  return Object.entries(part).flatMap(([name, value]) => (path.length === 0 && name === "optimise" ? [] : numericPaths(value, [...path, name])));
-}
+const sweeping = signal(false);
+const SweepForm = fetched("What sweeps a number", () => import("./Sweep").then((module) => module.SweepForm));
+const Swept = fetched("What was swept", () => import("./Sweep").then((module) => module.Swept));
 
 export function Runs() {
   const ready = Boolean(design.value), unstated = !design.value?.optimise && !design.value?.requirements?.length;
@@ -33,26 +30,9 @@ export function Runs() {
         <button type="button" disabled={!ready || unstated} title={unstated ? "the design states no requirement: add one under all fields" : ""} onClick={optimise}>Optimise</button>
         {!design.value?.optimise && !unstated && <span class="note">{START}; under all fields, optimise says otherwise</span>}
       </div>
-      <details>
+      <details onToggle={(event) => (sweeping.value = event.currentTarget.open)}>
         <summary>Sweep one number</summary>
-        <form class="controls" onSubmit={(event) => {
-          event.preventDefault();
-          const fields = [...event.currentTarget.querySelectorAll("input")], numbers = fields.map((field) => readNumber(field.value));
-          numbers.forEach((value, k) => fields[k].setCustomValidity(value === null ? "a number is written 0.1 or 0,1" : k === 2 && !(Number.isInteger(value) && value > 1) ? "how many points: a whole number, 2 or more" : ""));
-          if (!event.currentTarget.reportValidity()) return;
-          void start(`Sweep ${placeInWords(design.value, axis.value)}`, "/v1/sweeps", { axes: [{ pointer: axis.value, start: numbers[0], stop: numbers[1], count: numbers[2] }] });
-        }}>
-          <label><span>Number</span>{" "}
-            <select aria-label="Number" value={axis.value} required onChange={(event) => (axis.value = event.currentTarget.value)}>
-              <option value="">choose …</option>
-              {numericPaths(design.value).slice(0, 400).map((p) => <option key={p} value={p}>{placeInWords(design.value, p)}</option>)}
-            </select>
-          </label>
-          {([["from", from], ["to", to], ["points", count]] as const).map(([name, value]) => (
-            <label key={name}>{name} <input type="text" inputMode="decimal" size={6} required value={value.value} onInput={(event) => { event.currentTarget.setCustomValidity(""); value.value = event.currentTarget.value; }} /></label>
-          ))}
-          <button type="submit">Sweep</button>
-        </form>
+        {sweeping.value && ready && <SweepForm />}
       </details>
       {startProblem.value && <Problems problem={startProblem.value} />}
       {runs.value.length === 0 && <p class="note">No runs yet. What is run here goes on when the page is closed, and is found again.</p>}
@@ -109,7 +89,7 @@ function Item({ run }: { run: Run }) {
         </>
       )}
       {run.problem && <Problems problem={run.problem} />}
-      {result && <div class={other ? "old" : ""}><Outcome run={run} result={result} /></div>}
+      {result && <div class={other && run.kind !== "sweep" ? "old" : ""}><Outcome run={run} result={result} /></div>}
       {run.report && <p class="note">Report: <Reports path={run.report} of={result?.provenance?.design_name ?? result?.title} /></p>}
     </li>
   );
@@ -119,7 +99,7 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
   if (run.kind === "verification") return <Verified result={result} />;
   if (run.kind === "optimisation") return <Optimum result={result} />;
   if (run.kind === "comparison") return <>{[result.headline.sentence, ...result.headline.matters].map((sentence: string) => <p key={sentence}>{sentence}</p>)}</>;
-  if (run.kind === "sweep") return <Swept result={result} />;
+  if (run.kind === "sweep") return <Swept run={run} result={result} />;
   if (run.kind !== "report") return null;
   return (
     <>
@@ -200,23 +180,3 @@ function Optimum({ result }: { result: Json }) {
 }
 
 const point = (p: number[] | null) => (p ? `${p.map((v) => v.toFixed(2)).join(", ").replace(/-/g, "−")} mm` : "–");
-
-function Swept({ result }: { result: Json }) {
-  const points: Json[] = result.points ?? [], values = points.map((p) => p.targets?.map((t: Json) => t.p95_mm)?.[0] ?? null);
-  const good = values.filter((v): v is number => v !== null), top = Math.max(...good, 1e-9);
-  const d = Math.max(0, ...points.flatMap((p) => (p.targets ?? []).map((t: Json) => countDecimals(t.limit_mm ?? t.p95_mm))));
-  const at = (p: Json, k: number) => (Array.isArray(p.values) ? p.values[0] : Object.values(p.values ?? {})[0] ?? k);
-  return (
-    <div class="scroll" tabIndex={0} role="region" aria-label="Sweep">
-      <table data-kind="estimate">
-        <thead><tr><th>{[result.axes?.[0]?.name || "Value", result.axes?.[0]?.unit].filter(Boolean).join(", ")}</th><th class="number">P95 by estimate, mm</th><th>of the largest</th></tr></thead>
-        <tbody>
-          {points.slice(0, 200).map((p, k) => (
-            <tr key={k}><th>{String(at(p, k))}</th><td class="number">{mm(values[k], d)}</td>
-              <td>{values[k] !== null && <svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect y="1" width={(100 * values[k]!) / top} height="8" /></svg>}</td></tr>
-          ))}
-        </tbody>
-      </table>
-    </div>
-  );
-}
