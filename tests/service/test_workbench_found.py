@@ -103,7 +103,7 @@ def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_a
 def test_every_lever_has_its_bar_and_every_slider_its_curve_whose_crossing_is_where_the_limit_is_kept(
     service: Served,
 ) -> None:
-    """Bars are those of the command; the crossing is that of a bisection of scores, with what the estimate is off by."""
+    """Bars are those of the command; the crossing is that of a bisection of scores, with what estimates are off by."""
     found = found_by(service, "levers")
     levers = {lever.label: lever for lever in score(load_design(DEMO)).levers}
     assert {row[0] for row in found["rows"]} == {*levers}
