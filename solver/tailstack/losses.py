@@ -46,7 +46,15 @@ from .results.verdicts import P95
 from .system import Effect, System, Way
 from .tail.approximation import columns_in_cumulants, pearson_square
 from .tail.bounded import worst_case
-from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, find_radius, law_quantile
+from .tail.declared import (
+    SAMPLED_METHOD,
+    LawQuantile,
+    LinearLaw,
+    MixedLaw,
+    OneSidedLaw,
+    find_radius,
+    law_quantile,
+)
 
 PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
@@ -398,24 +406,26 @@ class LossSearch:
             rooms = (self.metrics[name, error].site.room for name in targets)
             widest = max(0.0 if room is None else float(room.max()) for room in rooms)
             highest = halved + MARGIN_BEYOND_P95 * (halved + widest)
+        shift = self._shift(error, quantile, tuple(targets))
         value, worst = 0.0, (t, s)
         while highest.max() > value:
             t, s = divmod(int(highest.argmax()), len(masks))
             law = self._solve(targets[t], error, quantile, masks[s])
             alike = (np.abs(cumulants[t] - cumulants[t, s]) <= ALIKE * np.abs(cumulants[t, s])).all(axis=1)
             highest[t, alike] = -inf
-            better = law.quantile_mm > value * (1 + ALIKE)
+            found = law.quantile_mm + shift
+            better = found > value * (1 + ALIKE)
             rows = slice(None) if better else slice(t, t + 1)  # beside which the form may err by less
             scale = max(float(np.abs(covariances[t, s]).max()), ROUNDING_MM**2)  # nothing may vary
             unlike = np.abs(covariances[rows] - covariances[t, s]).max(axis=(2, 3)) / scale
-            near = forms[rows] * (law.quantile_mm / forms[t, s]) * (1 + SLOPE * unlike)
+            near = forms[rows] * (found / forms[t, s]) * (1 + SLOPE * unlike)
             highest[rows] = np.minimum(highest[rows], near)
             if better:
-                value, worst = law.quantile_mm, (t, s)
+                value, worst = found, (t, s)
             if law.method == SAMPLED_METHOD:  # it tells losses apart no better than the form does, and takes long
                 break
         t, s = worst
-        return Loss(self.labels(masks[s]), targets[t], value)
+        return Loss(self.labels(masks[s]), targets[t], value - shift)
 
     def _solve(self, name: str, error: str, quantile: float, mask: Array) -> LawQuantile:
         """The quantile of what is left, fiducials with a 0 in mask (N,) lost."""
@@ -568,7 +578,14 @@ class LossSearch:
 
     def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...], end: int) -> Rest:
         each = [self._find_rest_at(name, error, quantile, slice(3 * end, 3 * end + 3)) for name in targets]
-        return Rest(*map(np.stack, zip(*each, strict=True)))._replace(std=each[0].std)
+        rest = Rest(*map(np.stack, zip(*each, strict=True)))
+        return rest._replace(std=each[0].std, mean=rest.mean + self._shift(error, quantile, targets) * np.eye(3)[0])
+
+    def _shift(self, error: str, quantile: float, targets: tuple[str, ...]) -> float:
+        """By which a number that counts on one side is moved, so that its size ranks losses; of others 0."""
+        if not MEASURE[error].side:
+            return 0.0
+        return max(OneSidedLaw(self._law(name, error, quantile).law, quantile, False).shift for name in targets)
 
     def _find_rest_at(self, name: str, error: str, quantile: float, rows: slice) -> Rest:
         """At one site, of one vector."""
@@ -595,7 +612,7 @@ class LossSearch:
             ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
             rest = self._rest(error, quantile, targets, end)
             rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
-            rooms = [self.metrics[name, error].site.room for name in targets]
+            rooms = [None if MEASURE[error].side else self.metrics[name, error].site.room for name in targets]
             spare = [0.0 if room is None else room[3 * end : 3 * end + 2].min() for room in rooms]
             each.append(ranking._replace(quantile=np.maximum(ranking.quantile - np.array(spare)[:, None], 0.0)))
         if len(each) == 1:

@@ -319,13 +319,13 @@ def _score_error(system: System, model: ErrorModel, error: str, search: LossSear
 
 def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
     measure, summary, (mean, total) = MEASURE[error.at.error], error.summary, error.moments
-    limited = site.is_scalar and error.limit is not None
+    limited, size = site.is_scalar and error.limit is not None, np.linalg.norm(mean.reshape(-1, 3), axis=1).max()
     return MeasureResult(
         measure=measure.name,
         site=error.model.site,
         words=measure.words,
         unit=measure.unit,
-        known=float(np.linalg.norm(mean.reshape(-1, 3), axis=1).max()),
+        known=float(mean[0] if site.is_one_sided else size),
         mean=summary.mean_norm_mm,
         p95=summary.quantile.quantile_mm,
         p95_interval=None,
@@ -333,7 +333,9 @@ def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
         limit=error.limit,
         exceedance_probability=summary.exceedance,
         breaches=() if site.corridor_mm is None else _score_breaches(error.at.law, site.corridor_mm),
-        ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0]))) if limited else None,
+        ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0])), site.is_one_sided)
+        if limited
+        else None,
     )
 
 

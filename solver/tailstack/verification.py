@@ -309,9 +309,10 @@ class LocalSampler:
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
-    keys = [metric.key for metric in task.plan.system.metrics]
-    errors = measure_errors(task.plan.system, outcome.errors)[keys.index((task.target, task.error))]
-    norms = norms_of(errors).reshape(count, SHOTS)
+    every = enumerate(task.plan.system.metrics)
+    k, site = next((k, each.site) for k, each in every if each.key == (task.target, task.error))
+    errors = measure_errors(task.plan.system, outcome.errors)[k]
+    norms = norms_of(errors, site.is_one_sided).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
 
@@ -320,8 +321,9 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
     system, plan, key = ready.system, ready.plans[task.vertex], (task.target, task.error)
     names, model = [target.name for target in system.targets], ready.every[key]
     metric = next(k for k, each in enumerate(system.metrics) if each.key == key)
-    if MEASURE[task.error].paired:
-        detail = f"{MEASURE[task.error].words} is the length of the longer of two vectors, which no ray shows"
+    if MEASURE[task.error].paired or MEASURE[task.error].side:
+        number = "one side of a number" if MEASURE[task.error].side else "the length of the longer of two vectors"
+        detail = f"{MEASURE[task.error].words} is {number}, which no ray shows"
         raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
     targets = [names.index(name) for name in system.metrics[metric].site.weights]
     mean = mean_at(model, task.error, dict(task.vertex))
@@ -757,7 +759,7 @@ def _estimate_measure(ready: PreparedDesign, sampled: SampledDesign, metric: Met
         site=metric.site.name,
         words=metric.measure.words,
         unit=metric.measure.unit,
-        known=float(np.linalg.norm(found.bias_mm)),
+        known=found.bias_mm[0] if metric.site.is_one_sided else float(np.linalg.norm(found.bias_mm)),
         mean=found.mean_norm_mm,
         p95=found.p95_mm,
         p95_interval=found.p95_interval_mm,
@@ -765,7 +767,7 @@ def _estimate_measure(ready: PreparedDesign, sampled: SampledDesign, metric: Met
         limit=None if found.exceedance is None else found.exceedance.limit_mm,
         exceedance_probability=None if found.exceedance is None else found.exceedance.probability,
         breaches=() if metric.site.corridor_mm is None else _count_breaches(ready, sampled, metric),
-        ppk=ppk_of(found.exceedance.limit_mm, found.bias_mm[0], found.std_mm[0])
+        ppk=ppk_of(found.exceedance.limit_mm, found.bias_mm[0], found.std_mm[0], metric.site.is_one_sided)
         if metric.site.is_scalar and found.exceedance is not None
         else None,
     )

@@ -25,7 +25,7 @@ import pytest
 from plain_data import DEMO
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.errors import TailstackError
-from tailstack.measures import MEASURE, MEASURES, POINTS, Measure
+from tailstack.measures import MEASURE, POINTS, STATED, Measure
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.symbols import plain
@@ -56,7 +56,13 @@ BUDGET = "the budget by effects, and the histogram of a report, are of the error
 HOLES = {  # by consumer: measures that it does not take, and the words of the page
     "budget": (lambda measure: measure not in POINTS, BUDGET),
 }
+MEASURES = (*STATED, *(MEASURE[name] for name in ("axial_above", "x_below", "localisation_y_above")))
 COORDINATE = "/fiducials/points/0/position_mm/0"
+
+
+def stated(measure: Measure) -> dict[str, str]:
+    """As a requirement says it."""
+    return {"error": measure.name.removesuffix(f"_{measure.side}"), **({"side": measure.side} if measure.side else {})}
 
 
 def is_hole(measure: Measure, consumer: str) -> bool:
@@ -78,7 +84,7 @@ class Subject:
         ]
         self.data["bodies"] = [{"name": "implant", "targets": ["tip", "entry", "side"]}]
         self.data["requirements"] = [
-            {"name": measure.name, "error": measure.name, measure.limit_field: 2.0, **requirement} for measure in taken
+            {"name": measure.name, **stated(measure), measure.limit_field: 2.0, **requirement} for measure in taken
         ]
         asked = [measure.name for measure in taken if not is_hole(measure, "optimiser")]
         self.data["optimise"]["requirement"] = asked
@@ -94,11 +100,12 @@ class Subject:
 
     @cached_property
     def table(self) -> dict[str, Any]:
-        """Compiled, and in full where a pair stands for it: of what is asked of the one, no row is in full."""
+        """Compiled, and in full of a pair and of one side: of what is asked of the one, no row is in full."""
         at = self.data["fiducials"]["points"][0]["position_mm"][0]
         columns: dict[str, Any] = {}
-        for paired, way in ((False, "compiled"), (True, "in full")):
-            asked = [each for each in self.data["requirements"] if MEASURE[each["error"]].paired == paired]
+        for alone, way in ((False, "compiled"), (True, "in full")):
+            own = {each.name for each in MEASURES if (each.paired or bool(each.side)) == alone}
+            asked = [each for each in self.data["requirements"] if each["name"] in own]
             design = load_design({**self.data, "requirements": asked, "optimise": None})
             batch = score_batch(design, {COORDINATE: [at, at + 1]}, columns=("value",))
             assert batch.ways[way] == 2
@@ -239,13 +246,15 @@ def meet_notebook(own: Subject, measure: Measure) -> None:
 
 def meet_page(own: Subject, measure: Measure) -> None:
     """The page makes its fields of the schema: what may be limited, and in which unit."""
-    (field,) = (
-        each["properties"]["error"]
+    (fields,) = (
+        each["properties"]
         for each in json_schema("design")["$defs"].values()
         if {"limit_mm", "error"} <= each.get("properties", {}).keys()
     )
-    assert measure.name in field["enum"]
-    assert field["x-limited-by"][measure.name] == measure.limit_field
+    error = stated(measure)["error"]
+    assert error in fields["error"]["enum"]
+    assert fields["error"]["x-limited-by"][error] == measure.limit_field
+    assert not measure.side or measure.side in json.dumps(fields["side"])
 
 
 CONSUMERS: dict[str, Callable[[Subject, Measure], None]] = {
@@ -263,18 +272,20 @@ def meet(name: str, consumer: str) -> None:
 
 
 @pytest.mark.parametrize("consumer", CONSUMERS)
-@pytest.mark.parametrize("measure", MEASURE)
+@pytest.mark.parametrize("measure", [measure.name for measure in MEASURES])
 def test_it_is_met(measure: str, consumer: str) -> None:
     meet(measure, consumer)
 
 
 def write_page() -> str:
     """The text of docs/measures.md."""
-    lists = {"Measures": [f"`{each.name}` ({each.unit})" for each in MEASURES], "Consumers": list(CONSUMERS)}
+    lists = {"Measures": [f"`{each.name}` ({each.unit})" for each in STATED], "Consumers": list(CONSUMERS)}
     lines = [f"{title}: {', '.join(names)}." for title, names in lists.items()]
+    one_sided = " and ".join(f"`{measure.name}`" for measure in MEASURES if measure.side)
+    lines[0] += f" Those that `side: above` or `below` may stand with are asked as {one_sided}, too."
     for consumer, (_, words) in HOLES.items():
         left = [f"`{measure.name}`" for measure in MEASURES if is_hole(measure, consumer)]
-        but = "all but the first two" if len(left) == len(MEASURES) - 2 else ", ".join(left)
+        but = "all but the first two" if len(left) == len(MEASURES) - len(POINTS) else ", ".join(left)
         lines.append(f"- not in {consumer}: {but}. {words[0].upper()}{words[1:]}.")
     wrapped = [textwrap.fill(line, 120, subsequent_indent="  " if line[0] == "-" else "") for line in lines]
     return f"{HEAD}{wrapped[0]}\n\n{wrapped[1]}\n\n" + "\n".join(wrapped[2:]) + "\n"

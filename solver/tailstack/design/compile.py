@@ -101,7 +101,7 @@ def _compile(design: Design) -> System:
     half_width[:] = 0.0 if made is None else made.half_width_mm
     groups = {body.name: tuple(body.targets) for body in document.bodies}
     named = [named_samples(item, samples, groups) for item in document.requirements]
-    asked = [(item.error, tuple(names)) for item, names in zip(document.requirements, named, strict=True)]
+    asked = [(item.measure, tuple(names)) for item, names in zip(document.requirements, named, strict=True)]
     system = System(
         design_sha256=design.sha256,
         name=document.name,
@@ -246,7 +246,7 @@ def named_samples(
 
 
 def _requirement(item: RequirementDocument, pointer: str, names: list[str], metrics: tuple[Metric, ...]) -> Requirement:
-    own = (metric.site for metric in metrics if metric.measure.name == item.error)
+    own = (metric.site for metric in metrics if metric.measure.name == item.measure)
     sites = tuple([site.name for site in own if site.name in item.targets or set(names).issuperset(site.weights)])
     if not sites:
         detail = f"{MEASURE[item.error].words} is read nowhere among the targets that are named"
@@ -256,7 +256,7 @@ def _requirement(item: RequirementDocument, pointer: str, names: list[str], metr
         asked = "quantile", None, None  # each unit keeps its share beyond the limit where it keeps its own quantile
     return Requirement(
         item.name,
-        item.error,
+        item.measure,
         item.pooled_quantile,
         item.limit,
         item.confidence,

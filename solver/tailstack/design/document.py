@@ -58,7 +58,7 @@ from ..fields import (
 from ..geometry.arrays import Array
 from ..geometry.rotation import RotationForm
 from ..levels import RISKS, Drawn
-from ..measures import MEASURE, MEASURES, MeasureName
+from ..measures import MEASURE, STATED, StatedName
 from ..ranges import (
     BEAD_PLACE_MM,
     COMPLIANCE,
@@ -929,14 +929,20 @@ class RequirementDocument(Record):
     """What the design promises."""
 
     model_config = ConfigDict(
-        json_schema_extra={"oneOf": [{"required": [name]} for name in dict.fromkeys(m.limit_field for m in MEASURES)]}
+        json_schema_extra={"oneOf": [{"required": [name]} for name in dict.fromkeys(m.limit_field for m in STATED)]}
     )
     name: Name = Field(description="Name, unique.", examples=["tip-accuracy"])
-    error: MeasureName = Field(
+    error: StatedName = Field(
         default="tcp",
-        description=" ".join(f"{measure.name}: {measure.meaning}." for measure in MEASURES),
+        description=" ".join(f"{measure.name}: {measure.meaning}." for measure in STATED),
         examples=["tcp"],
-        json_schema_extra={"x-limited-by": {measure.name: measure.limit_field for measure in MEASURES}},
+        json_schema_extra={"x-limited-by": {measure.name: measure.limit_field for measure in STATED}},
+    )
+    side: Literal["above", "below"] | None = Field(
+        default=None,
+        description="Of axial, x, y, z and localisation_x, y, z: what counts. above: the error above 0 (of axial, too "
+        "deep); below: that below 0; a known part counts with its sign. Default both.",
+        examples=["above"],
     )
     statistic: StatisticName = Field(
         default="quantile",
@@ -1024,6 +1030,14 @@ class RequirementDocument(Record):
         return self
 
     @model_validator(mode="after")
+    def _side(self) -> RequirementDocument:
+        if self.measure not in MEASURE:
+            each = ", ".join(name.removesuffix("_above") for name in MEASURE if name.endswith("_above"))
+            detail = f"side is read only with error: {each}; the size of {self.error} has no sign"
+            raise refusal("unused-field", detail, at="side")
+        return self
+
+    @model_validator(mode="after")
     def _limit(self) -> RequirementDocument:
         own = MEASURE[self.error].limit_field
         for name in ("limit_mm", "limit_deg"):
@@ -1038,7 +1052,14 @@ class RequirementDocument(Record):
         """The quantile of one shot's error that is asked for."""
         return pooled_quantile(self.quantile, self.limit_probability, self.n)
 
-    _as_before = leave_out_later({"statistic": "quantile", "limit_probability": None, "n": None, "ids": []})
+    _as_before = leave_out_later(
+        {"side": None, "statistic": "quantile", "limit_probability": None, "n": None, "ids": []}
+    )
+
+    @property
+    def measure(self) -> str:
+        """Name of the measure that is limited."""
+        return self.error if self.side is None else f"{self.error}_{self.side}"
 
     @property
     def limit(self) -> float:

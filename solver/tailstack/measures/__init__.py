@@ -21,15 +21,20 @@ MEASURES: tuple[Measure, ...] = (
     *component.MEASURES,
     point_to_point.MEASURE,
     *rigid_body.MEASURES,
+    *axial.ONE_SIDED,
+    *component.ONE_SIDED,
 )
 POINTS = MEASURES[:2]  # the errors at one target, in the order in which the simulation has them
 MEASURE = {measure.name: measure for measure in MEASURES}
 POINT_ERRORS = tuple(measure.name for measure in POINTS)
+STATED = tuple(measure for measure in MEASURES if not measure.side)  # as requirements name them
 PointError = Literal["tcp", "localisation"]
 if TYPE_CHECKING:
     MeasureName = str
+    StatedName = str
 else:
     MeasureName = Literal[tuple(MEASURE)]
+    StatedName = Literal[tuple(measure.name for measure in STATED)]
 
 
 class Metric(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .measure import DIRECTED, Measure, at_each_direction
+from .measure import DIRECTED, Measure, at_each_direction, on_each_side
 
 MEASURE = Measure(
     name="axial",
@@ -14,3 +14,4 @@ MEASURE = Measure(
     needs=DIRECTED,
     calibrated=False,
 )
+ONE_SIDED = on_each_side(MEASURE, lambda name: MEASURE.sites)

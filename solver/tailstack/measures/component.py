@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import chain
 
-from .measure import Measure, Measured, Site, Sites
+from .measure import Measure, Measured, Site, Sites, on_each_side
 
 
 def along_row(name: str, row: int) -> Sites:
@@ -37,3 +38,6 @@ def measure_along(row: int) -> Measure:
 
 
 MEASURES = tuple(measure_along(row) for row in range(6))
+ONE_SIDED = tuple(
+    chain.from_iterable(on_each_side(each, partial(along_row, row=row)) for row, each in enumerate(MEASURES))
+)

@@ -3,13 +3,15 @@
 At each target two errors are known, with all that they have in common: at the tool, in tcp, and as located, in con, mm.
 A measure is linear in them, ``e = sum over targets of weights @ (error at the tool, error as located)``, to first order
 at least; its number is the norm of e.  Of fewer than three components the other rows are 0: its law then lies exactly
-in a plane or on a line.
+in a plane or on a line.  Of one component it may be counted on one side alone, where it then is e itself, and 0 on the
+other: a known part on that side adds to what is random, one on the other takes from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 Sites = Callable[["Measured"], tuple["Site", ...]]
 
 DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of these two targets excepted"
+SIDES = ("above", "below")  # 0, of an error with its sign
 DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
 
 
@@ -92,7 +95,14 @@ class Site:
     exact: Exact | None = None
     """Where the above is no more than first order: e (3, n) of n trials, from their errors by target (6, n)."""
     corridor_mm: float | None = None  # beyond which, and by so much more, breaches are counted
-    room: Array | None = None  # (6,) of two vectors: half-axes beyond the narrowest, within which lengths are equal
+    room: Array | None = None
+    """(6,) of two vectors: half-axes beyond the narrowest, within which lengths are equal; (1,) of one number that
+    counts above 0 alone: it has no end on the other side."""
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether e is one number, of which that above 0 counts."""
+        return self.room is not None and len(self.room) == 1
 
     @property
     def is_scalar(self) -> bool:
@@ -116,6 +126,7 @@ class Measure:
     calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
     paired: bool = False  # whether e is two vectors, weights (6, 6), and its number the length of the longer
     first_order: str = ""  # where that is of something else: behind why it decides nothing, what it is of
+    side: str = ""  # one of ``SIDES``, where that alone counts of the measure that a requirement names
 
     @property
     def vectors(self) -> int:
@@ -171,6 +182,29 @@ def at_each_direction(first: int, last: int) -> Sites:
         return tuple(found)
 
     return sites
+
+
+def on_each_side(base: Measure, sites_of: Callable[[str], Sites]) -> tuple[Measure, ...]:
+    """A measure of one number, counted above 0 alone and below it; sites_of: those of ``base``, by the name of the
+    measure that is asked for."""
+
+    def measure(side: str) -> Measure:
+        name, sign = f"{base.name}_{side}", 1.0 if side == "above" else -1.0
+
+        def sites(design: Measured) -> tuple[Site, ...]:
+            import numpy as np
+
+            asked, half = set(chain.from_iterable(design.asked.get(name, ()))), np.full(1, np.inf)
+            return tuple(
+                replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half)
+                for site in sites_of(name)(design)
+                if asked.issuperset(site.weights)
+            )
+
+        words, brief = f"{base.words} {side} 0", f"{base.brief} {side} 0"
+        return replace(base, name=name, words=words, brief=brief, sites=sites, side=side)
+
+    return tuple(measure(side) for side in SIDES)
 
 
 def degrees_between(ahead: Array, across: Array) -> Array:

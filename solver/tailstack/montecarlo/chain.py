@@ -40,9 +40,10 @@ _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
 
-def norms_of(errors: Array) -> Array:
-    """(n,) of errors (3, n), in their unit; infinite for a shot without an answer."""
-    norms = np.linalg.norm(errors, axis=0)
+def norms_of(errors: Array, one_sided: bool = False) -> Array:
+    """(n,) of errors (3, n), in their unit; infinite for a shot without an answer.  one_sided: of the one number that
+    varies what is above 0."""
+    norms = np.maximum(errors[0], 0.0) if one_sided else np.linalg.norm(errors, axis=0)
     return np.where(np.isnan(norms), np.inf, norms)
 
 

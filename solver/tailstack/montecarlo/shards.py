@@ -13,14 +13,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from math import inf, prod
+from math import fsum, inf, prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..results.json_text import write_json
-from .chain import measure_errors, run_indices
+from .chain import measure_errors, norms_of, run_indices
 from .kernel import reduce_block
 from .plan import ChainPlan
 from .tails import tail_size, take_largest
@@ -112,6 +112,10 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
     mean, scatter = np.zeros((metrics, 3)), np.zeros((metrics, 3, 3))
     if answers:
         reduce_block(errors.reshape(-1), answers, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
+        for k, metric in enumerate(task.plan.system.metrics):
+            if metric.site.is_one_sided:
+                norms[k] = norms_of(errors[k], one_sided=True)
+                norm_mean[k] = fsum(norms[k]) / answers
     if answers < count:  # a trial without an answer is beyond any limit, not outside the count
         norms = np.concatenate([norms, np.full((metrics, count - answers), inf)], axis=1)
     above = tuple(

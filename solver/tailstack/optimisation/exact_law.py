@@ -45,6 +45,7 @@ LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
 UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
 PIVOT_STEP_MM = 0.05  # of the exact quantile
+LEAST_PART = 1e-3  # of its limit, that what counts on one side is taken for where it is less: it may be 0
 LEAST_LEVEL = 0.1  # of a quantile in the closed form, which knows nothing of a law's lower end
 
 
@@ -131,9 +132,14 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuanti
         quantile = law_quantile(law, requirement.quantile)
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300)
         found = quantile.quantile_mm if value is None else value(law)
-        return ExactQuantile(found, quantile.density, error, worst)
+        return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst)
     own = _unit_quantile(model, demand, worst.mean_mm)
     return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
+
+
+def _keep_positive(value: float, demand: QuantileConstraint) -> float:
+    """For logarithms; what is raised is far within its limit, and has no slope."""
+    return max(value, LEAST_PART * demand.requirement.limit) if demand.measure.side else value
 
 
 def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
@@ -160,7 +166,8 @@ def _unit_quantile(
         gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(error) for block in model.blocks]
         columns = columns._replace(gain=np.concatenate(gains, axis=1))
     laws = unit_laws(columns, demand, mean_mm)
-    return unit_quantile(*laws, demand.requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    own = unit_quantile(*laws, demand.requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    return replace(own, value_mm=_keep_positive(own.value_mm, demand))
 
 
 def unit_laws(columns: Columns, demand: QuantileConstraint, mean_mm: Array) -> tuple[LinearLaw, LinearLaw]:

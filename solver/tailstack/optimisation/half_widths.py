@@ -209,7 +209,7 @@ class _Held:
                 slopes[k] = worst.signs[block.contributor, j] * half_width[k] * (by.by_mean @ block.gain(error)[:, j])
             else:
                 slopes[k] = 2 * (moved @ by.by_covariance @ moved)
-        return slopes / size
+        return slopes / (size or 1.0)
 
 
 def _hold(problem: PlacementProblem, demand: QuantileConstraint) -> _Held:

@@ -29,12 +29,13 @@ class LimitedError(NamedTuple):
     ppk: float | None
 
 
-def ppk_of(limit: float, mean: float, std: float) -> float | None:
-    """``(limit - |mean|) / (3 std)`` of a number that is limited either way, by its nearer end; None: it does not vary.
+def ppk_of(limit: float, mean: float, std: float, one_sided: bool = False) -> float | None:
+    """``(limit - |mean|) / (3 std)`` of a number that is limited either way, by its nearer end, on one side with the
+    mean as it is; None: it does not vary.
 
     It is of the number itself, mean and standard deviation with their sign, not of its size.
     """
-    return (limit - abs(mean)) / (3 * std) if std > 0 else None
+    return (limit - (mean if one_sided else abs(mean))) / (3 * std) if std > 0 else None
 
 
 def sigma_level(share: float) -> float | None:
@@ -86,6 +87,6 @@ def quality_table(
     note = (
         "dppm: shots beyond the limit per million. Sigma level: where a normal number would have as many beyond its "
         "limit, on one side, without a shift of 1.5. Ppk: (limit - |mean|) / (3 std), of what is one number with its "
-        "sign; sizes of vectors have none. What decides is the requirement."
+        "sign, on one side with the mean as it is; sizes of vectors have none. What decides is the requirement."
     )
     return tabulate("Quality", "Quality figures of what has a limit", columns, rows, note) if rows else None

@@ -151,7 +151,7 @@ class MeasureResult:
     unit: str
     """Unit of its numbers."""
     known: float
-    """Size of its known part."""
+    """Size of its known part; of what counts on one side, with its sign."""
     mean: float
     """Mean."""
     p95: float

@@ -82,15 +82,15 @@ def worst_case(
         )
     q = int(active.size)
     # The last sign stays +1 when opposite vertices are mirror images.
-    signs = _vertices(q, 1 << (q - 1 if q and not law.mean.any() else q))
+    signs = _vertices(q, 1 << (q - 1 if q and not (law.mean.any() or law.is_one_sided) else q))
     means = law.mean + signs @ bounded[:, active].T
     ranking = _rank(law, means, p, value) if len(means) > 1 else np.zeros(1)
     best = int(np.nanargmax(ranking))
-    if value is not None and law.columns.any():
+    if value is not None and law.columns.any() and not law.is_one_sided:
         close = np.flatnonzero(ranking >= (1 - CLOSE) * ranking[best])
         best = int(close[np.argmax([value(replace(law, mean=means[v])) for v in close])]) if len(close) > 1 else best
     quantile = law_quantile(replace(law, mean=means[best]), p)
-    if law.columns.any() and value is None:
+    if law.columns.any() and value is None and not law.is_one_sided:
         solved = {best}
         while len(means) > 1:
             probability, slack = _probabilities(law, means, quantile, p)
@@ -141,7 +141,9 @@ def indistinguishable(
 
 def _rank(law: LinearLaw, means: Array, p: float, value: Callable[[LinearLaw], float] | None) -> Array:
     """(n,) p-quantiles, or values, at means (n, 3) of the Gaussian law of equal covariance; of two vectors those of the
-    longer."""
+    longer.  Of one number that counts on one side: means, from a place below all of them."""
+    if law.is_one_sided:  # everything that is asked of it rises with its mean
+        return np.asarray(means[:, 0] + 2 * np.abs(means).max() + np.sqrt(law.total_covariance[0, 0]))
     if value is not None:
         nothing = np.zeros((len(law.mean), 0)), np.zeros(0, dtype=np.int64)
         return np.array([value(LinearLaw(mean, law.total_covariance, *nothing, law.room)) for mean in means])

@@ -72,6 +72,7 @@ _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 SMALLEST_MM = 1e-12
+FAR = 10.0  # standard deviations within which all of a law is: beyond is less than exp(-50)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
 
 
@@ -81,14 +82,19 @@ class LinearLaw:
 
     columns are already multiplied by the half-widths: column j is the displacement at u_j = 1.  Of two vectors that go
     together (6 in place of 3) |e| is the length of the longer; with room, the smallest r at which both are within
-    ellipsoids of half-axes r + room.
+    ellipsoids of half-axes r + room.  Of one number that counts on one side |e| is max(e[0], 0).
     """
 
     mean: Array  # (3,) mm
     covariance: Array  # (3, 3) mm^2: the Gaussian part only
     columns: Array  # (3, k) mm
     kinds: NDArray[np.int64]  # (k,) places in SUMS
-    room: Array | None = None  # (6,) mm, of two vectors; 0 or more, the least of them 0
+    room: Array | None = None  # (6,) mm, of two vectors; 0 or more, the least of them 0; (1,) of one number: one side
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether what is above 0 counts of one number."""
+        return self.room is not None and len(self.room) == 1
 
     @property
     def total_covariance(self) -> Array:
@@ -377,6 +383,49 @@ class GaussianLaw:
         return np.zeros_like(self.law.columns)
 
 
+class OneSidedLaw:
+    """A law of max(x, 0), x the one number that varies: that of |x + shift|, less a shift from which nothing reaches
+    below 0."""
+
+    def __init__(self, law: LinearLaw, p: float, fine: bool) -> None:
+        self.law = law
+        self.shift = abs(float(law.mean[0])) + FAR * sqrt(float(law.total_covariance[0, 0]))
+        moved = law.mean + np.array([self.shift, 0.0, 0.0])
+        self.whole = single_evaluation(LinearLaw(moved, law.covariance, law.columns, law.kinds), p, fine)
+
+    def signed(self, p: float) -> LawQuantile:
+        """Of x itself, which may be below 0."""
+        found = self.whole.quantile(p)
+        return found._replace(quantile_mm=found.quantile_mm - self.shift)
+
+    def quantile(self, p: float) -> LawQuantile:
+        """Where it is 0 it has no density there, and no slope."""
+        found = self.signed(p)
+        return found if found.quantile_mm > 0 else found._replace(quantile_mm=0.0, density=0.0)
+
+    def probability(self, r: float) -> float:
+        """P(x <= r)"""
+        return self.whole.probability(r + self.shift) if r > -self.shift else 0.0
+
+    def exceedance(self, r: float) -> float:
+        """P(x > r)"""
+        return self.whole.exceedance(r + self.shift)
+
+    def excess(self, r: float) -> float:
+        """E[(x - r)+], mm."""
+        return self.whole.excess(r + self.shift)
+
+    def gradient(self, mixture: Quantiles) -> LawGradient:
+        return self.whole.gradient(self._move(mixture))
+
+    def column_gradient(self, mixture: Quantiles) -> Array | None:
+        return self.whole.column_gradient(self._move(mixture))
+
+    def _move(self, mixture: Quantiles) -> Quantiles:
+        """Those with a slope, of x + shift."""
+        return [(q._replace(quantile_mm=q.quantile_mm + self.shift), w) for q, w in mixture if q.density > 0]
+
+
 class PairLaw:
     """A law of two vectors: P(both <= r) = P(|x_1| <= r) - P(|x_1| <= r < |x_2|), 1 the one that is longer at p.
 
@@ -511,8 +560,10 @@ class PairLaw:
         return by_mean, by_covariance, by_log
 
 
-def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw | PairLaw:
+def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw | PairLaw | OneSidedLaw:
     """What answers about a law near the probability p.  Raises ValueError for p outside (0, 1)."""
+    if law.is_one_sided:
+        return OneSidedLaw(law, probability_iv(p), fine)
     return PairLaw(law, probability_iv(p), fine) if len(law.mean) > 3 else single_evaluation(law, p, fine)
 
 
@@ -558,7 +609,7 @@ class MixedLaw:
     fine: bool = True  # how exactly
 
     @cached_property
-    def _members(self) -> list[DeclaredLaw | GaussianLaw | PairLaw]:
+    def _members(self) -> list[DeclaredLaw | GaussianLaw | PairLaw | OneSidedLaw]:
         members = [evaluation_of(law, self.near, self.fine) for law in self.laws]
         for member in members:
             if isinstance(member, DeclaredLaw):
@@ -670,8 +721,10 @@ def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> La
 def mixture_gradient(law: LinearLaw, mixture: Quantiles, near: float, *, fine: bool = True) -> LawGradient:
     """Derivatives of a sum of quantiles of this law, as :func:`law_quantiles` has them near this probability."""
     total, weight = mixture[0][0], sum(weight for _, weight in mixture)
-    if total.density == 0.0:
-        by_mean, room = np.zeros(len(law.mean)), np.zeros(len(law.mean)) if law.room is None else law.room
+    if not any(each.density for each, _ in mixture):
+        by_mean, room = np.zeros(len(law.mean)), np.zeros(len(law.mean))
+        if law.room is not None and not law.is_one_sided:
+            room = law.room
         outward = law.mean / (total.quantile_mm + room) if total.quantile_mm else by_mean
         rows = max(np.split(np.arange(len(law.mean)), len(law.mean) // 3), key=lambda k: (outward[k] ** 2).sum())
         out, wide = outward[rows], total.quantile_mm + room[rows]
@@ -690,6 +743,8 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
 
 def mixture_column_gradient(law: LinearLaw, mixture: Quantiles, near: float) -> Array | None:
     """:func:`column_gradient` of a sum, as :func:`mixture_gradient`."""
+    if not any(each.density for each, _ in mixture):
+        return np.zeros_like(law.columns)
     return evaluation_of(law, near).column_gradient(mixture)
 
 

@@ -27,7 +27,7 @@ def fifty_quantiles(law: MixedLaw) -> Array:
         found[off] = np.interp(ndtri(ORDERS[off]), ndtri(np.clip(known, 1e-12, 1 - 1e-12)), radii)
         reached = np.array([law.probability(r) for r in found[off].tolist()])
         radii, known = np.sort(np.append(radii, found[off])), np.sort(np.append(known, reached))
-        off[off] = np.abs(reached - ORDERS[off]) > WITHIN
+        off[off] = (np.abs(reached - ORDERS[off]) > WITHIN) & ((found[off] > 0) | (reached < ORDERS[off]))
         if not off.any():
             break
     return found

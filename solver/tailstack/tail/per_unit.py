@@ -29,6 +29,8 @@ that leaves, the spread of the difference over those units, is added to the stan
 
 Of two vectors that go together (``pairs.py``) R is that of the longer, solved for every unit from one sample of rays of
 the shot.  What the rays leave, at units near the value, is part of the standard error.
+
+Of one number that counts on one side R is the unit's offset and the quantile of its shots, the same for all: exact.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
 from ..laws import shape_deviates
 from .approximation import pearson_square
-from .declared import LawGradient, LawQuantile, LinearLaw, law_cdf, law_gradient, law_quantile
+from .declared import LawGradient, LawQuantile, LinearLaw, OneSidedLaw, law_cdf, law_gradient, law_quantile
 from .gaussian import norm_gradient_jit, norm_quantile_jit, norm_quantiles, probability_iv
 from .pairs import SMALLEST_MM, PairSample, lengths_of, mean_and_error, sample_pair
 
@@ -82,7 +84,7 @@ class UnitRisk:
     limit_mm: float | None
     yield_fraction: float | None
     yield_standard_error: float | None
-    units: int
+    units: int  # that were drawn; 0: none, as their law is known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,6 +336,10 @@ def unit_quantile(
     in mm and one frame.  16 x 2^log2_units units are drawn, the same ones each time.  Raises ValueError.
     """
     fraction = probability_iv(fraction)
+    if installation.is_one_sided:
+        held, own = _signed_parts(installation, shot, p, fraction)
+        value = max(held.quantile_mm + own.quantile_mm, 0.0)
+        return UnitQuantile(value, hypot(held.error_mm, own.error_mm), held.density if value else 0.0)
     units = draw_units(installation, shot, p, log2_units)
     return _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
 
@@ -347,6 +353,11 @@ def unit_gradient(
     The units stay the same ones, so each has a derivative of its own: of R, which averages over the ranks as the value
     does, and of |d|, which moves the place that the ranks are read at.
     """
+    if installation.is_one_sided:
+        held, again = _signed_parts(installation, shot, p, fraction)
+        here = float(held.quantile_mm + again.quantile_mm > 0)
+        by_unit, by_shots = law_gradient(installation, held), law_gradient(shot, again)
+        return LawGradient(*(here * part for part in by_unit)), here * by_shots.by_covariance
     units = draw_units(installation, shot, p, log2_units)
     distance = law_quantile(installation, fraction, fine=False)
     control = law_gradient(installation, distance, fine=False)
@@ -381,6 +392,14 @@ def unit_gradient(
     ), by_shot
 
 
+def _signed_parts(
+    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float
+) -> tuple[LawQuantile, LawQuantile]:
+    """Of one number that counts on one side: what of the units' own offset and what of the shots, whose quantile is
+    the same in all of them.  Their sum is what the fraction of units keeps."""
+    return OneSidedLaw(installation, fraction, True).signed(fraction), OneSidedLaw(shot, p, True).signed(p)
+
+
 def _rank_weights(n: int, width: int, rank: int) -> Array:
     """(n,) of :func:`average_rank`."""
     weights = np.maximum(width - np.abs(np.arange(n) - rank), 0).astype(np.float64)
@@ -413,6 +432,10 @@ def unit_risk(
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
     fraction = probability_iv(fraction)
+    if installation.is_one_sided:
+        found, (_, own) = unit_quantile(installation, shot, p, fraction), _signed_parts(installation, shot, p, fraction)
+        keep = None if limit is None else OneSidedLaw(installation, fraction, True).probability(limit - own.quantile_mm)
+        return UnitRisk(p, fraction, found.value_mm, found.standard_error_mm, limit, keep, keep and 0.0, 0)
     units = draw_units(installation, shot, p, log2_units)
     quantile = _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
     share, error = None, None
