@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 from math import inf, isinf, isnan
 from typing import Any
 
@@ -14,7 +14,7 @@ from .budget import budget
 from .contributors import ErrorLaw, error_law, risk_of_units, value_of
 from .design import Design, check_design
 from .effects import EFFECTS
-from .errors import OutOfRangeError
+from .errors import OutOfRangeError, Problem
 from .estimation.checks import examine
 from .geometry.arrays import Array
 from .geometry.rotation import transform_points
@@ -49,6 +49,7 @@ from .results import (
     Provenance,
     Score,
     SecondOrder,
+    TargetCovariance,
     TargetScore,
     TitleBlock,
     Validity,
@@ -67,6 +68,7 @@ from .tail.per_unit import UnitRisk
 from .verdict import conclude, judge
 from .version import __version__
 
+MOST_RELATED = 64  # targets of which covariances are told: 2016 pairs, 1 MB
 T_15 = 2.1314  # of Student's law with 15 degrees of freedom, as 16 scramblings have them: 95 % on both sides
 
 
@@ -92,6 +94,7 @@ def score(
     losses: bool = True,
     reliability: bool = False,
     fifty_shots: bool = False,
+    covariances: bool = False,
 ) -> Score:
     """Score a design to first order, every target and requirement.
 
@@ -102,8 +105,10 @@ def score(
     where it does not).  ``losses``: whether the worst loss of one fiducial and of two is looked for, half as long
     again, and how far each lever leads by itself.  ``reliability`` adds, for each view and fiducial, the smallest slip
     of its image that a test of residuals notices, and what one below it does.  ``fifty_shots`` adds what fifty shots
-    come to that stand for all, of the requirement that decides.  Raises DesignError for a document that breaks its
-    rules and IllPosedError for a geometry that does not determine the answer.
+    come to that stand for all, of the requirement that decides.  ``covariances`` adds the covariance of the errors at
+    every two targets, (3, 3) mm2 of those at the tool, in tcp, and as located, in con.  Raises DesignError for a
+    document that breaks its rules, IllPosedError for a geometry that does not determine the answer, OutOfRangeError
+    for covariances of too many targets.
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
@@ -135,6 +140,7 @@ def score(
         measures=tuple(_score_measure(metrics[metric.key], metric.site) for metric in system.derived_metrics),
         levers=tuple(_levers(design, system, metrics, targets)) if losses and not system.loss_probability else (),
         fifty_shots=_draw_fifty(decides, metrics[decides.target, decides.error]) if fifty_shots and decides else None,
+        covariances=tuple(_relate_targets(models)) if covariances else (),
     )
 
 
@@ -346,6 +352,26 @@ def _draw_fifty(check: Check, error: ErrorScore) -> FiftyShots:
     values = [None if isnan(value) else value for value in fifty_quantiles(law).tolist()]
     limit = check.limit if check.beyond is None else check.beyond
     return FiftyShots(f"{measure.words}, {check.target}", measure.unit, tuple(values), limit, law.exceedance(limit))
+
+
+def _relate_targets(models: Mapping[str, LinearModel]) -> Iterator[TargetCovariance]:
+    """Of every two; what acts on the image of a target (``Effect.of_target``) they do not have in common.
+
+    Raises OutOfRangeError.
+    """
+    if len(models) > MOST_RELATED:
+        detail = f"{len(models)} targets, samples of regions counted, make {len(models) * (len(models) - 1) // 2} pairs"
+        raise OutOfRangeError(
+            Problem("/targets", "too-many-targets", detail, f"covariances are told of at most {MOST_RELATED} targets")
+        )
+    columns = {
+        (name, point.name): np.hstack([b.columns_mm(point.name) for b in model.blocks if not b.effect.of_target])
+        for name, model in models.items()
+        for point in POINTS
+    }
+    for first, second in combinations(models, 2):
+        own = (columns[first, point.name] @ columns[second, point.name].T for point in POINTS)
+        yield TargetCovariance(first, second, *map(matrix3, own))
 
 
 def _score_breaches(law: LinearLaw, corridor_mm: float) -> tuple[Breach, ...]:

@@ -48,6 +48,10 @@ class ScoreOptions(Options):
         "to without each of them. Some 30 ms more for each fiducial.",
     )
 
+    covariances: Annotated[bool, Flag("add what the errors at every two targets have in common")] = Field(
+        False, description="Add the covariance of the errors at every two targets, of 64 at most."
+    )
+
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
         return super().of_record(
@@ -58,6 +62,7 @@ class ScoreOptions(Options):
             fiducials=bool(record.fiducials),
             search=any(lever.how == "found" for lever in record.levers),
             fifty_shots=record.fifty_shots is not None,
+            covariances=bool(record.covariances),
         )
 
     def seconds(self, sizes: Iterable[Size]) -> float:

@@ -27,6 +27,7 @@ from .score import PerUnit as PerUnit
 from .score import Score as Score
 from .score import SecondOrder as SecondOrder
 from .score import SlipReliability as SlipReliability
+from .score import TargetCovariance as TargetCovariance
 from .score import TargetScore as TargetScore
 from .score import Validity as Validity
 from .sweep import Sweep as Sweep

@@ -359,6 +359,23 @@ class FiducialWorth:
     """Why something is not known; empty: everything is."""
 
 
+@dataclass(frozen=True, slots=True)
+class TargetCovariance:
+    """What the errors at two targets have in common, to first order, of shots that miss no fiducial.
+
+    Row: x, y, z of the error at the first; column: of that at the second.
+    """
+
+    first: str
+    """Name of a target."""
+    second: str
+    """Name of one behind it."""
+    tcp_mm2: Matrix3
+    """Of the errors at the tool, both in tcp, mm^2."""
+    localisation_mm2: Matrix3
+    """Of the errors of the located targets, both in con, mm^2."""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
@@ -390,6 +407,8 @@ class Score(Result):
     """Fifty shots of what decides; null where nothing is limited, or they were not asked for."""
     fiducials: tuple[FiducialWorth, ...] = ()
     """What each fiducial does to the value that decides; empty where that was not asked for."""
+    covariances: tuple[TargetCovariance, ...] = ()
+    """Of every two targets; empty where there is one, or they were not asked for."""
 
     @property
     def worst_target(self) -> TargetScore:

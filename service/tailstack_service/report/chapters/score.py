@@ -9,7 +9,17 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, Check, FiducialWorth, Lever, Score, TargetEstimate, TargetScore, Verification
+from tailstack.results import (
+    ERRORS,
+    Check,
+    FiducialWorth,
+    Lever,
+    Score,
+    TargetCovariance,
+    TargetEstimate,
+    TargetScore,
+    Verification,
+)
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.quality import quality_table
@@ -92,6 +102,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("In words", _sentences(score, chosen), on=TERMINAL),
             Section("Slips of images", reliability_blocks(score)),
             Section("Fiducials", worth_blocks(score)),
+            Section("Between targets", covariance_blocks(score)),
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
             *closing_sections(
@@ -212,6 +223,37 @@ def reliability_blocks(score: Score) -> tuple[Block, ...]:
     )
     caption = "Slips of single images that do most before they are noticed"
     return (group(Table("Reliability", caption, columns, rows), Paragraph(note)),)
+
+
+def covariance_blocks(score: Score) -> tuple[Block, ...]:
+    """What the errors at every two targets have in common: correlations, and in full on sheets."""
+    if not score.covariances:
+        return ()
+    std = {target.name: target.std_mm for target in score.targets}
+    alike = not is_of_all_shots(score.verdict)  # deviations and covariances are of the same shots
+
+    def correlation(k: int, of: TargetCovariance) -> float | None:
+        both = std[of.first][k] * std[of.second][k]
+        return of.tcp_mm2[k][k] / both if both and alike else None
+
+    def entry(i: int, j: int, of: TargetCovariance) -> float:
+        return of.tcp_mm2[i][j]
+
+    columns = (
+        Column("First", of=attrgetter("first")),
+        Column("Second", of=attrgetter("second")),
+        *(Column(f"Correlation of {axis}", "", "fixed", 3, brief=f"correlation\nof {axis}", of=partial(correlation, k))
+          for k, axis in enumerate("xyz")),
+        *(Column(f"Covariance {a} {b}", "mm^2", "significant", on=IN_DETAIL, brief=f"{a} {b}\nmm^2",
+                 of=partial(entry, i, j)) for i, a in enumerate("xyz") for j, b in enumerate("xyz")),
+    )  # fmt: skip
+    note = (
+        "Of the errors at the tool, in tcp, by estimate, a letter for the first target before that of the second. They "
+        "have all in common but the noise of their own images. As located, in con, they stand in the record."
+    )
+    caption = "What the errors at every two targets have in common"
+    table = tabulate("Between targets", caption, columns, score.covariances)
+    return (group(table, Paragraph(note)),)
 
 
 def worth_blocks(score: Score) -> tuple[Block, ...]:
