@@ -88,3 +88,20 @@ def ended_job(client: httpx.Client, path: str, **headers: str) -> dict[str, Any]
 
     until(ended, says=lambda: seen[-1])
     return seen[-1]
+
+
+def changed_document(document: Any, where: str, patch: Any) -> Any:
+    """With a merge patch at SCHEMA, SCHEMA.FIELD or METHOD PATH; at the whole where nothing is named."""
+    first, _, second = where.partition(" " if " " in where else ".")
+    operation = {"paths": {second: {first: patch}}}
+    schema = {"components": {"schemas": {first: {"properties": {second: patch}} if second else patch}}}
+    return _merged(document, operation if " " in where else schema if where else patch)
+
+
+def _merged(node: Any, patch: Any) -> Any:
+    """By RFC 7396: what is null goes."""
+    if not isinstance(patch, dict):
+        return patch
+    old = node if isinstance(node, dict) else {}
+    new = {key: _merged(old.get(key), value) for key, value in patch.items() if value is not None}
+    return {key: value for key, value in old.items() if key not in patch} | new

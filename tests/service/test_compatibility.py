@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from compatibility import breaking_changes, main
+from openapi_scenes import changed_document
 from service_scenes import ROOT
 
 TABLES = yaml.safe_load((ROOT / "tests" / "data" / "compatibility.yaml").read_text(encoding="utf-8"))
@@ -16,20 +17,7 @@ BASE, BREAKS, HARMLESS = TABLES["base"], TABLES["breaks"], TABLES["harmless"]
 
 
 def mutated(where: str, patch: dict[str, Any]) -> Any:
-    """The document with a merge patch at a schema, a field of one, an operation, or the whole."""
-    first, _, second = where.partition("." if "." in where else " ")
-    operation = {"paths": {second: {first: patch}}}
-    schema = {"components": {"schemas": {first: {"properties": {second: patch}} if second else patch}}}
-    return merged(BASE, operation if " " in where else schema if where else patch)
-
-
-def merged(node: Any, patch: Any) -> Any:
-    """By RFC 7396: what is null goes."""
-    if not isinstance(patch, dict):
-        return patch
-    old = node if isinstance(node, dict) else {}
-    new = {key: merged(old.get(key), value) for key, value in patch.items() if value is not None}
-    return {key: value for key, value in old.items() if key not in patch} | new
+    return changed_document(BASE, where, patch)
 
 
 @pytest.mark.parametrize("name", BREAKS)
