@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from math import ceil, floor, hypot
 from pathlib import Path
 from string import Template
@@ -185,21 +185,36 @@ def list_points(wishes: Wishes, beads: Beads | None) -> tuple[str, Point, str]:
     return "".join(lines), (x, y, z), HEAD_OF_FILE.format(file=" ".join(beads.file.split()))
 
 
+def start_wishes(fiducials: int, size_mm: float, target: Point, preset: str) -> Wishes:
+    """Answers that nobody gave, with the lengths of a C-arm whose source does not state them."""
+    from tailstack.design.presets import PRESETS
+
+    arm = PRESETS[preset]
+    stated = {field: value for field, value in start_lengths(arm).items() if field in arm.view_must_state}
+    lengths = dict.fromkeys(LENGTH_FIELDS) | stated
+    return Wishes("first design", preset, fiducials, size_mm, target, 1.0, 0.3, **lengths, unstated=EVERYTHING)
+
+
 def design_of_beads(beads: Beads, preset: str = "generic-mobile-c-arm") -> str:
     """A first design about beads that are there already, whichever C-arm sees them; seats like those of ``init``."""
     from tailstack.design.presets import PRESETS
 
     arm = PRESETS[preset]
-    lengths = {field: value for field, value in start_lengths(arm).items() if field in arm.view_must_state}
     extents = [max(values) - min(values) for values in zip(*beads.positions_mm, strict=True)]
     size = max(20.0, float(ceil(max(extents))))
-    half, pixel_mm = size / 2, arm.pixel_mm or lengths["pixel_mm"]
+    half, pixel_mm = size / 2, arm.pixel_mm or start_lengths(arm)["pixel_mm"]
     seen = FILLED * pixel_mm * min(arm.image_size_px or (1000,)) / arm.source_detector_mm  # per mm from the source
     most = 2 * seen * (arm.source_detector_mm - size - CLEAR) - half
     target = (0.0, 0.0, max(half + 10, min(half + 50, float(int(most)))))
-    start = Wishes("first design", preset, len(beads.labels), size, target, 1.0, 0.3, None, None, EVERYTHING)
-    stated = replace(start, source_isocentre_mm=lengths.get("source_isocentre_mm"), pixel_mm=lengths.get("pixel_mm"))
-    return design_text(stated, beads)
+    return design_text(start_wishes(len(beads.labels), size, target, preset), beads)
+
+
+def design_of_shots(seen_mm: float) -> str:
+    """A first design for images that show so many mm at the isocentre, whose two views are there to be replaced."""
+    size = float(max(10, int(0.4 * seen_mm)))  # fiducials and target are within nine tenths of the image then
+    start = start_wishes(12, size, (0.0, 0.0, size / 2 + 10), "generic-mobile-c-arm")
+    text = design_text(start).replace("made by tailstack init", "made by tailstack convert")
+    return text.replace("name: AP\n", "name: shot1\n").replace("name: LAT\n", "name: shot2\n")
 
 
 EVERYTHING = frozenset(field.name for field in fields(Wishes))

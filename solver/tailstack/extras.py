@@ -28,6 +28,7 @@ MODULES_OF = {
     "postgres": ("psycopg",),
     "dask": ("dask", "distributed", "cryptography"),
     "tables": ("openpyxl", "pyarrow"),
+    "dicom": ("pydicom",),
 }  # fmt: skip
 
 

@@ -100,6 +100,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
         ("pdf", ("report", DEMO, "--format", "pdf")),
         ("postgres", ("db", "check", "--database", "postgresql://somebody@127.0.0.1:1/jobs")),
         ("dask", ("worker", "--engine", "dask")),
+        ("dicom", ("convert", "shot.dcm", "shot.dcm", "-o", "design.yaml")),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(Path(word).name for word in value),
 )
@@ -108,6 +109,7 @@ def test_a_verb_whose_extra_is_missing_names_the_command_that_installs_it(
 ) -> None:
     if extra in ("postgres", "dask"):
         assert tailstack("db", "migrate", without=(), folder=tmp_path).returncode == 0
+    (tmp_path / "shot.dcm").write_bytes(b"")
     done = tailstack(*arguments, without=MODULES_OF[extra], folder=tmp_path)
     assert command(extra) in done.stderr
     assert done.returncode == 2, done.stderr

@@ -1,8 +1,10 @@
-"""Convert designs (.yaml, .json), fiducial files (.csv, .fcsv, .mrk.json) and balls of STEP files into one another."""
+"""Convert designs (.yaml, .json), fiducial files (.csv, .fcsv, .mrk.json), balls of STEP files and DICOM headers."""
 
 from __future__ import annotations
 
 import argparse
+import base64
+import binascii
 import re
 import sys
 from collections import Counter
@@ -38,10 +40,11 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
-SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step"]
+SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step", "dicom"]
 SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
 STEP_MEDIA = ("model/step", "application/step")
 IMPLIED: dict[str, SourceFormat] = {"text/csv": "csv", "yaml": "yaml", **dict.fromkeys(STEP_MEDIA, "step")}
+MOST_SHOTS = 16
 BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
 Pattern = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -132,11 +135,16 @@ class ConversionOptions(FileOptions):
 
     format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
     content: Annotated[str, Field(min_length=1)] = Field(
-        description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
+        description="The text of the file; of dicom its bytes in base64, of which the header (the first 100 kB) is "
+        "enough.",
+        examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"],
     )
     to: TargetFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
     base: dict[str, Any] | None = Field(
-        None, description="A design whose fiducials the content replaces; the answer holds it."
+        None, description="A design whose fiducials, or views, the content replaces; the answer holds it."
+    )
+    more: Annotated[list[Annotated[str, Field(min_length=1)]], Field(max_length=MOST_SHOTS - 1)] | None = Field(
+        None, description="dicom: further images in base64; each is a view, in this order."
     )
 
 
@@ -225,11 +233,12 @@ class Wish:
     options: FileOptions
     base: Design | None = None
     base_text: str | None = None  # the YAML of the base, whose comments stay
+    more: tuple[tuple[bytes, str], ...] = ()  # content and name of further images
     references: tuple[bytes, str] | None = None  # content and name of the .ref of a cage of XMALab
 
 
 def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> Made:
-    """Convert; balls of a STEP file for which there is no base get a first design.  Raises DesignError, LimitError.
+    """Convert; balls of a STEP file or images without a base get a first design.  Raises DesignError, LimitError.
 
     directory: what files that a design names are relative to; None: it may name none.
     """
@@ -237,8 +246,9 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     from tailstack.design.reading import DOCUMENTS
     from tailstack.integrations.calibration_cages import CageForm
     from tailstack.integrations.conversion import STEP_FILES, convert
+    from tailstack.integrations.dicom import Shot, convert_shots, is_dicom
 
-    from ..first_design import Beads, design_of_beads
+    from ..first_design import Beads, design_of_beads, design_of_shots
 
     is_step = wish.source.lower().endswith(STEP_FILES)
     _refuse_unused(wish, is_step)
@@ -248,6 +258,17 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
         starts.append(design_of_beads(Beads(fiducials.labels, fiducials.positions_mm, wish.source)))
         return load_design(starts[0], limits=limits)
 
+    def begin_for_shots(shots: Sequence[Shot]) -> Design:
+        starts.append(design_of_shots(min(shot.seen_mm for shot in shots)))
+        return load_design(starts[0], limits=limits)
+
+    if is_dicom(wish.content, wish.source):
+        files = ((wish.content, wish.source), *wish.more)
+        return _complete(convert_shots(files, wish.target, wish.base or begin_for_shots, limits), wish, starts, limits)
+    if wish.more:
+        raise RequestError(
+            Problem("/more", "unused-option", "of these files one is converted at a time", "leave it out")
+        )
     unit = wish.options.xmalab
     begins = is_step and wish.base is None and wish.target.lower().endswith(DOCUMENTS)
     made = convert(
@@ -255,16 +276,24 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
         selection=wish.options.select(), base=begin if begins else wish.base,
         cage=None if unit is None else CageForm(unit, wish.references),
     )  # fmt: skip
-    base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
-    if base is None or not wish.target.lower().endswith(DOCUMENTS):
+    if (wish.base is None and not starts) or not wish.target.lower().endswith(DOCUMENTS):
         return replace(made, notes=(*made.notes, *_doubt_balls(made, wish, limits))) if is_step else made
-    notes = [*made.notes, *([START] if starts else []), *_what_is_missing(made.text, limits)]
-    if text is not None and not wish.target.lower().endswith(".json"):
+    return _complete(made, wish, starts, limits)
+
+
+def _complete(made: Made, wish: Wish, starts: list[str], limits: Limits) -> Made:
+    """What was made of a base or of a start, with the comments of that, and notes on what it still needs."""
+    from tailstack.design import load_design
+
+    base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
+    start = [f"{'views' if made.bodies else 'fiducials'}, {START}"] if starts else []
+    notes = [*made.notes, *start, *_what_is_missing(made.text, limits)]
+    if base is not None and text is not None and not wish.target.lower().endswith(".json"):
         made = replace(made, text=_keep_comments(text, base, made.text, limits))
     return replace(made, notes=tuple(notes))
 
 
-START = "views, seats, targets, limit and tolerances are a start like that of tailstack init: correct them"
+START = "seats, targets, limit and tolerances are a start like that of tailstack init: correct them"
 
 
 def _refuse_unused(wish: Wish, is_step: bool) -> None:
@@ -339,14 +368,18 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         data = parse_json(sent.body, settings)
         options: Any = read_options(ConversionOptions, data, ())
         base = None if options.base is None else design_of(data, settings, "base")
-        source, content, place = options.format, options.content.encode("utf-8", "surrogatepass"), "/content"
+        source, place = options.format, "/content"
+        content = (
+            _decode(options.content, place) if source == "dicom" else options.content.encode("utf-8", "surrogatepass")
+        )
+        more = tuple((_decode(text, f"/more/{k}"), f"more.{k + 1}.dicom") for k, text in enumerate(options.more or ()))
     else:
-        options, base, content, place = options_of_query(FileQuery, sent.query), None, sent.body, ""
+        options, base, content, place, more = options_of_query(FileQuery, sent.query), None, sent.body, "", ()
         source = getattr(options, "from") or IMPLIED.get(sent.form)
         if source is None:
             detail, hint = "text/plain does not say which format it is", f"add ?from= one of {', '.join(SOURCES)}"
             raise RequestError(Problem("/from", "missing-parameter", detail, hint))
-    wish = Wish(content, f"content.{source}", f"converted.{options.to}", options, base)
+    wish = Wish(content, f"content.{source}", f"converted.{options.to}", options, base, None, more)
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
@@ -381,6 +414,15 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
     return Reception(answer=to_json(record))
 
 
+def _decode(text: str, place: str) -> bytes:
+    try:
+        return base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError):
+        raise RequestError(
+            Problem(place, "not-base64", "an image is sent as base64; this is none", "base64 -w0 FILE")
+        ) from None
+
+
 # --- the command ------------------------------------------------------------------------------------------
 
 
@@ -388,12 +430,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "design",
         metavar="IN",
-        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp",
+        nargs="+",
+        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp; or .dcm, of which each is a view",
     )
     parser.add_argument(
         "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
     )
-    parser.add_argument("--base", metavar="DESIGN", help="design whose fiducials are replaced by those of IN")
+    parser.add_argument("--base", metavar="DESIGN", help="design whose fiducials, or views, are those of IN then")
     add_flags(parser, StepOptions)
     cage = parser.add_argument_group(CAGE)
     add_flags(parser, FileOptions)
@@ -411,12 +454,14 @@ def _run(arguments: argparse.Namespace) -> Answer:
     given = read_flags(FileOptions, arguments)
     if "sphere_diameter_mm" in given:
         given |= dict(zip(("sphere_diameter_mm", "sphere_tolerance_mm"), given["sphere_diameter_mm"], strict=True))
-    source, target = Path(arguments.design), writable(arguments.output, (*FORMATS, *DOCUMENTS))
+    source, *others = map(Path, arguments.design)
+    target = writable(arguments.output, (*FORMATS, *DOCUMENTS))
     base = None if arguments.base is None else read_design(arguments.base)
     options = read_options(FileOptions, given, ())
     text = None if base is None else own_text(base)
     references = _read_references(source) if arguments.xmalab else None
-    wish = Wish(read_source_file(source), source.name, target.name, options, base, text, references)
+    more = tuple((read_source_file(file), file.name) for file in others)
+    wish = Wish(read_source_file(source), source.name, target.name, options, base, text, more, references)
     made = convert_wish(wish, DEFAULT_LIMITS, source.parent)
     files = {target: made.text, **_write_references(arguments, source, target, made)}
     for note in made.notes:
@@ -513,9 +558,9 @@ OPERATION = Operation(
     name="conversion",
     verb="convert",
     path="/v1/conversions",
-    summary="Convert designs, fiducial files and STEP, by their endings",
+    summary="Convert designs, fiducial files, STEP and DICOM, by their endings",
     description="In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls of "
-    "a STEP file are fiducials; what was taken and what was left is in bodies.",
+    "a STEP file are fiducials; what was taken and what was left is in bodies. Headers of DICOM images are views.",
     title="answer of convert over HTTP",
     options=ConversionOptions,
     designs={},

@@ -74,8 +74,10 @@ class DocumentSource:
         return position.line, position.column
 
 
-def read_bytes(path: Path, limit: int, name: str, *, document: bool = False) -> bytes:
+def read_bytes(path: Path, limit: int, name: str, *, document: bool = False, whole: bool = True) -> bytes:
     """The bytes of a regular file of at most ``limit`` bytes; of a ``document`` what is no text is refused by its kind.
+
+    Not ``whole``: of a longer one its beginning.
 
     Raises DesignError or LimitError.
     """
@@ -93,7 +95,7 @@ def read_bytes(path: Path, limit: int, name: str, *, document: bool = False) -> 
         raise DesignError(problem("file-unreadable", f"cannot read {name}: {reason}", file=name)) from None
     if document:
         refuse_foreign(content, name)
-    if len(content) > limit:
+    if len(content) > limit and whole:
         raise LimitError(problem("too-large", f"{name} is longer than {limit} bytes", "make it smaller", file=name))
     return content
 

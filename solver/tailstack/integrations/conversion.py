@@ -23,6 +23,8 @@ from .step.part21 import MOST_BYTES
 
 Base = Design | Callable[[FiducialList], Design]
 STEP_FILES = (".step", ".stp", ".p21")
+IMAGES = (".dcm", ".dicom")  # become views: dicom.py
+HEADER_BYTES = 4_000_000  # that are read of a DICOM file: headers are some kB, and pixels come last
 SEAT_HALF_WIDTH_MM = 0.02  # of a contact that a STEP file brings, which states no tolerance: a start
 
 
@@ -54,18 +56,17 @@ def convert(
     Fiducials are also read from .tsv, and from .json that holds points of 3D Slicer.
     A design converts to a design that stands alone (a fiducial file it refers to is read in), or to its
     fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
-    A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.
+    A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.  Images
+    (.dcm) are for ``dicom.convert_shots``.
     With ``base``, a design or what makes one for the fiducials, they replace those of that design, as its seat is
     replaced where ``selection`` names seats and pins.  With ``cage``, a .csv that is read is a frame specification of
     XMALab, or else the one that is written.  Raises DesignError, LimitError.
     """
     known = (*FORMATS, *DOCUMENTS)
-    for name, endings in ((source_name, (*known, ".tsv", *STEP_FILES)), (target_name, known)):
+    for name, endings, more in ((source_name, (*known, ".tsv", *STEP_FILES), IMAGES), (target_name, known, ())):
         if not name.lower().endswith(endings):
-            problem = Problem(
-                "", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {', '.join(endings)}"
-            )
-            raise DesignError(problem)
+            cure = f"known: {', '.join((*endings, *more))}"
+            raise DesignError(Problem("", "unknown-format", f"{name[:80]!r} has no known ending", cure))
     reads_table = source_name.lower().endswith(".csv")
     written = None if reads_table else cage
     if source_name.lower().endswith(STEP_FILES):
@@ -104,9 +105,14 @@ def _holds_markups(content: bytes) -> bool:
 
 
 def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
-    """The bytes of a file to convert, within the limit of its kind.  Raises DesignError, LimitError."""
-    limit = MOST_BYTES if source.name.lower().endswith(STEP_FILES) else limits.document_bytes
-    return read_bytes(source, limit, str(source))
+    """The bytes of a file to convert, within the limit of its kind; of an image only its beginning, with its header.
+
+    Raises DesignError, LimitError.
+    """
+    name = source.name.lower()
+    if not name.endswith((*FORMATS, *DOCUMENTS, ".tsv", *STEP_FILES)):
+        return read_bytes(source, HEADER_BYTES, str(source), whole=False)
+    return read_bytes(source, MOST_BYTES if name.endswith(STEP_FILES) else limits.document_bytes, str(source))
 
 
 def _place_fiducials(
