@@ -19,9 +19,10 @@ GEOMETRY: dict[str, Any] = {
 def write_image(syntax: str = ExplicitVRLittleEndian, sop: str = XA, **changes: Any) -> bytes:
     """A file with these tags instead of those of GEOMETRY; None: without."""
     meta = pydicom.dataset.FileMetaDataset()
-    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID, meta.TransferSyntaxUID = sop, "1.2.3", syntax
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = UID(sop), UID("1.2.3")
+    meta.TransferSyntaxUID = UID(syntax)
     data = pydicom.dataset.FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
-    data.SOPClassUID, data.PatientName, data.PatientID = sop, PATIENT, PATIENT
+    data.SOPClassUID, data.PatientName, data.PatientID = UID(sop), PATIENT, PATIENT
     data.OtherPatientIDsSequence = [pydicom.Dataset()]
     data.OtherPatientIDsSequence[0].PatientID = PATIENT
     for keyword, value in (GEOMETRY | changes).items():
