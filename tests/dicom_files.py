@@ -16,11 +16,11 @@ GEOMETRY: dict[str, Any] = {
 }  # fmt: skip
 
 
-def write_image(syntax: str = ExplicitVRLittleEndian, sop: str = XA, **changes: Any) -> bytes:
+def write_image(syntax: UID = ExplicitVRLittleEndian, sop: str = XA, **changes: Any) -> bytes:
     """A file with these tags instead of those of GEOMETRY; None: without."""
     meta = pydicom.dataset.FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = UID(sop), UID("1.2.3")
-    meta.TransferSyntaxUID = UID(syntax)
+    meta.TransferSyntaxUID = syntax
     data = pydicom.dataset.FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
     data.SOPClassUID, data.PatientName, data.PatientID = UID(sop), PATIENT, PATIENT
     data.OtherPatientIDsSequence = [pydicom.Dataset()]
@@ -28,7 +28,7 @@ def write_image(syntax: str = ExplicitVRLittleEndian, sop: str = XA, **changes: 
     for keyword, value in (GEOMETRY | changes).items():
         if value is not None:
             setattr(data, keyword, value)
-    if UID(syntax).is_encapsulated:
+    if syntax.is_encapsulated:
         data.PixelData = pydicom.encaps.encapsulate([b"\xff\xd8" * 500])
         data["PixelData"].is_undefined_length = True
     else:

@@ -102,7 +102,8 @@ def test_everything_missing_is_named_at_once() -> None:
 
 def raw(keyword: str, value: bytes) -> bytes:
     """A file in which the text of a tag, six characters in ours, was overwritten."""
-    file = write_image(**{keyword: "777777"})
+    changes: dict[str, Any] = {keyword: "777777"}
+    file = write_image(**changes)
     assert file.count(b"777777") == 1
     return file.replace(b"777777", value)
 
