@@ -940,8 +940,8 @@ class RequirementDocument(Record):
     )
     side: Literal["above", "below"] | None = Field(
         default=None,
-        description="Of axial, x, y, z and localisation_x, y, z: what counts. above: the error above 0 (of axial, too "
-        "deep); below: that below 0; a known part counts with its sign. Default both.",
+        description="Of axial, x, y, z and localisation_x, y, z: what counts. above: above zero (of axial, too deep); "
+        "below: below zero; a known part counts with its sign. Default both.",
         examples=["above"],
     )
     statistic: StatisticName = Field(
