@@ -9,13 +9,10 @@ import io
 import re
 import sys
 from collections.abc import Callable, Sequence
-from datetime import date
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
-import openpyxl
 import pyarrow
 from pyarrow import parquet
 
@@ -172,32 +169,6 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
 }  # fmt: skip
 
 
-def workbook(change: Callable[[Any], object]) -> bytes:
-    book = openpyxl.Workbook()
-    sheet = book.active
-    assert sheet is not None
-    sheet.append(HEADERS["table of designs"])
-    for label, row in zip(LABELS, NUMBERS, strict=True):
-        sheet.append([label, *row])
-    change(sheet)
-    stream = io.BytesIO()
-    book.save(stream)
-    return stream.getvalue()
-
-
-def respelt(pattern: bytes, new: bytes) -> bytes:
-    """A workbook whose sheet has something else where a pattern matches in its XML."""
-    stream = io.BytesIO()
-    with ZipFile(io.BytesIO(workbook(lambda sheet: None))) as plain, ZipFile(stream, "w") as changed:
-        for entry in plain.infolist():
-            content = plain.read(entry)
-            if entry.filename.endswith("sheet1.xml"):
-                content, count = re.subn(pattern, new, content)
-                assert count
-            changed.writestr(entry, content)
-    return stream.getvalue()
-
-
 def decimals() -> bytes:
     columns: dict[str, Any] = {HEADERS["table of designs"][0]: LABELS}
     for k, name in enumerate(HEADERS["table of designs"][1:]):
@@ -208,24 +179,6 @@ def decimals() -> bytes:
 
 
 BINARY: dict[str, tuple[bytes, Format]] = {  # of tables of designs alone
-    "XLSX": (workbook(lambda sheet: None), "xlsx"),
-    "XLSX: a title above the header": (workbook(lambda sheet: (sheet.insert_rows(1), sheet.__setitem__("A1", "May"))),
-                                       "xlsx"),
-    "XLSX: another sheet": (workbook(lambda sheet: sheet.parent.create_sheet("more").append([1.0])), "xlsx"),
-    "XLSX: an empty sheet before it": (workbook(lambda sheet: sheet.parent.create_sheet("more", 0)), "xlsx"),
-    "XLSX: a number that became a date": (workbook(lambda sheet: sheet.__setitem__("C3", date(2026, 3, 5))), "xlsx"),
-    "XLSX: an empty row": (workbook(lambda sheet: sheet.insert_rows(3)), "xlsx"),
-    "XLSX: a formula without its value": (workbook(lambda sheet: sheet.__setitem__("C3", "=B3*2")), "xlsx"),
-    "XLSX: a cell beside the columns": (workbook(lambda sheet: sheet.__setitem__("F3", 0.5)), "xlsx"),
-    "XLSX: a remark (#) between the rows": (
-        workbook(lambda sheet: (sheet.insert_rows(3), sheet.__setitem__("A3", "# x"))), "xlsx"
-    ),
-    "XLSX: a row behind `# `": (workbook(lambda sheet: sheet.__setitem__("A3", "# A2")), "xlsx"),
-    "XLSX: a name that begins with #": (workbook(lambda sheet: sheet.__setitem__("A3", "#9")), "xlsx"),
-    "XLSX: two rows of one number": (respelt(b'<row r="3"', b'<row r="2"'), "xlsx"),
-    "XLSX: rows or cells in another order": (respelt(b'<c r="D3"', b'<c r="A3"'), "xlsx"),
-    "XLSX: rows without numbers": (respelt(rb'<(row|c) r="\w+"', rb"<\1"), "xlsx"),
-    "XLSX: a number as text, 0,3": (workbook(lambda sheet: sheet.__setitem__("C3", "0,3")), "xlsx"),
     "Parquet: DECIMAL": (decimals(), "parquet"),
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Tables in files: CSV, lines of JSON, XLSX, Arrow and Parquet, read and written block by block.
+"""Tables in files: CSV, lines of JSON, Arrow and Parquet, read and written block by block.
 
 A table is a header and blocks of columns; the whole of it is never in memory.  CSV is read as all tables of people
 (``tailstack.people_tables``).  The bytes that are written depend on the cells alone.
@@ -9,11 +9,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import date, datetime, time
 from decimal import Decimal
 from functools import partial
 from itertools import chain, islice
@@ -24,12 +22,7 @@ from tailstack.cures import cure_text
 from tailstack.errors import LimitError, Problem
 from tailstack.people_tables import (
     KEPT_ENDS,
-    PREVIEW,
     PeopleTable,
-    Rows,
-    TextLine,
-    describe_marked_row,
-    find_header,
     is_missing,
     read_people_table,
     read_plain_number,
@@ -39,18 +32,16 @@ from tailstack.results.json_text import find_repeated, write_json
 
 from .problems import RequestError
 
-Format = Literal["csv", "ndjson", "xlsx", "arrow", "parquet"]
+Format = Literal["csv", "ndjson", "arrow", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 ENDINGS: dict[str, Format] = {
-    ".csv": "csv", ".tsv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".xlsx": "xlsx", ".arrow": "arrow",
-    ".arrows": "arrow", ".parquet": "parquet",
+    ".csv": "csv", ".tsv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow", ".arrows": "arrow",
+    ".parquet": "parquet",
 }  # fmt: skip
 MEDIA_TYPES: dict[Format, str] = {"csv": "text/csv", "ndjson": "application/x-ndjson"}  # of those that HTTP takes
 BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
-MOST_SHEET_ROWS = 1_048_576  # of a sheet of XLSX, its header included
 LEAST_PLAIN = -1e28  # numbers below it may be a mark of NDI's
-EPOCH = datetime(2000, 1, 1)  # when every workbook was made: equal tables have equal bytes
 
 
 Column = Sequence[Any]
@@ -74,20 +65,16 @@ class TableReader:
     delimiter: str = ","  # of CSV
     rows: int = 0  # about how many there are, for the time that is left; 0: nobody knows
     text: PeopleTable | None = None  # of CSV
-    counts: Rows = field(default_factory=Rows)  # rows that were left out so far
-    header_line: int = 1
-    remarks: tuple[str, ...] = ()  # what of the file was not read
 
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
     ) -> RequestError:
-        """What is wrong with it, and where; what of the file was not read may be why."""
-        detail = "; ".join(filter(None, (detail, *self.remarks)))
+        """What is wrong with it, and where."""
         return RequestError(Problem("", code, detail, hint, self.file, line, column))
 
     def describe(self) -> tuple[str, ...]:
         """What was left out, and what was read in another way than it is written, of the blocks so far."""
-        return (*self.counts.describe(), *self.remarks) if self.text is None else self.text.describe()
+        return () if self.text is None else self.text.describe()
 
     def with_numbers(self, block: ColumnBlock, places: Sequence[int]) -> tuple[ColumnBlock, list[list[float]]]:
         """Columns of a block as numbers, and the block with numbers where a cell is one in its own way of writing.
@@ -144,8 +131,6 @@ class TableReader:
             raise self.refuse("missing-value", detail, "leave the row out", line, column + 1)
         reason = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
         hint = cure_text(cell, self.header[column]) if isinstance(cell, str) and cell else ""
-        if isinstance(cell, date | time):
-            hint = "a spreadsheet took a number for a date: format the cells as numbers, and type it again"
         raise self.refuse("wrong-type", f"{place} {reason}", hint or "every row has a number here", line, column + 1)
 
 
@@ -171,8 +156,8 @@ def format_of(name: str) -> Format:
     """By the ending of a file's name.  Raises RequestError."""
     form = next((form for ending, form in ENDINGS.items() if name.lower().endswith(ending)), None)
     if form is None:
-        detail = f"{name!r} has no ending of a table"
-        raise RequestError(Problem("", "unknown-format", detail, f"known: {', '.join(ENDINGS)}"))
+        hint = f"known: {', '.join(ENDINGS)}; save a sheet as CSV UTF-8"
+        raise RequestError(Problem("", "unknown-format", f"{name!r} has no ending of a table", hint))
     return form
 
 
@@ -189,7 +174,7 @@ def read_table(stream: IO[bytes], form: Format, file: str | None = None) -> Tabl
         if not name or name in header[:k]:
             what = f"two columns are called {name!r}" if name else "a column has no name"
             hint = "the first row names every column, each once"
-            raise table.refuse("wrong-header", what, hint, table.header_line, k + 1)
+            raise table.refuse("wrong-header", what, hint, 1 if table.text is None else table.text.header_line, k + 1)
     return replace(table, blocks=_refuse_nested(table))
 
 
@@ -224,7 +209,7 @@ def _read_csv(stream: IO[bytes], file: str | None) -> TableReader:
             lines, rows = zip(*block, strict=True)
             yield ColumnBlock(lines, tuple(zip(*rows, strict=True)))
 
-    return TableReader(text.header, blocks(), file, text.delimiter, max(count - text.header_line, 0), text, text.counts)
+    return TableReader(text.header, blocks(), file, text.delimiter, max(count - text.header_line, 0), text)
 
 
 def _check_units(text: PeopleTable) -> None:
@@ -296,149 +281,6 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
         ) from None
 
 
-def _read_workbook(stream: IO[bytes], file: str | None) -> TableReader:
-    import openpyxl
-
-    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", file)
-    with reading():
-        book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-        sheet = book.worksheets[0]
-        sheet.reset_dimensions()  # what the file says of its size is not always so, and rows beyond it would be lost
-        first = enumerate(sheet.iter_rows(max_row=PREVIEW, max_col=MOST_COLUMNS + 1, values_only=True), 1)
-        held = [TextLine(line, "", ["" if cell is None else str(cell).strip() for cell in row]) for line, row in first]
-        others = [each.title for each in book.worksheets[1:] if _holds_something(each)]
-        if not any(each.filled_cells for each in held):
-            hint = f"the table is on the first sheet: move {others[0]!r} there" if others else "its first row has names"
-            detail = f"sheet {sheet.title!r} begins empty"
-            raise RequestError(Problem("", "empty-document", detail, hint, file, 1))
-        line, titles = find_header([each for each in held if each.filled_cells])
-        header, at = tuple(line.cells), line.number
-        while not header[-1]:
-            header = header[:-1]
-        rows = enumerate(sheet.iter_rows(at + 1, values_only=True), at + 1)
-        formulas = _list_formulas(stream, file, at) if _check_places(stream, book, file) else None
-    counts, width = Rows(), len(header)
-    for title in titles:
-        counts.leave_out("title", title.number)
-    remarks = [f"sheet {sheet.title!r} was read, and not {', '.join(map(repr, others))}"] if others else []
-
-    def skip_empty() -> Iterator[tuple[int, Column]]:
-        """Each row and its line; empty ones are left out, and counted where more come below them."""
-        empty = 0  # the first of the empty rows above this one; 0: there is none
-        for line, row in rows:
-            if line > MOST_SHEET_ROWS:
-                raise table.refuse("too-many", f"a sheet of XLSX has {MOST_SHEET_ROWS} rows; this one has more")
-            if formulas is not None:
-                _refuse_not_computed(table, line, row, next(formulas, ()))
-            cells = (*row[:width], *[None] * (width - len(row)))
-            beyond = row[width:]
-            bare = beyond.count(None) == len(beyond) or not any(map(_is_filled, beyond))
-            if bare and all(cell is None or cell == "" for cell in cells):
-                empty = empty or line
-                continue
-            if len(row) > MOST_COLUMNS:
-                detail = f"cell {_cell_name(line, len(row) - 1)} is beyond the {MOST_COLUMNS} columns that a table has"
-                raise table.refuse("ragged", detail, "clear the columns beside the table", line)
-            stray = next((k for k in range(width, len(row)) if _is_filled(row[k])), None)
-            if stray is not None:
-                place = f"cell {_cell_name(line, stray)}"
-                detail = f"{place} stands beside the {width} columns of the header: {str(row[stray])[:60]!r}"
-                hint = "give its column a name in the first row, or delete the cell"
-                raise table.refuse("ragged", detail, hint, line, stray + 1)
-            for each in range(empty or line, line):
-                counts.leave_out("empty", each)
-            empty = 0
-            marked = re.match(r"\s*#(\S?)", cells[0]) if isinstance(cells[0], str) else None
-            if marked and width > 1 and not any(map(_is_filled, cells[1:])):
-                counts.leave_out("remark", line)
-                continue
-            if marked and not marked[1]:
-                said_of_row = describe_marked_row(" ".join(str(cell) for cell in cells if cell is not None))
-                raise table.refuse("csv-row", *said_of_row, line, 1)
-            counts.read += 1
-            yield line, cells
-
-    def blocks() -> Iterator[ColumnBlock]:
-        with reading():
-            filled_rows = skip_empty()
-            while block := list(islice(filled_rows, BLOCK)):
-                lines, cells = zip(*block, strict=True)
-                yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
-
-    table = TableReader(header, blocks(), file, counts=counts, header_line=at, remarks=tuple(remarks))
-    return table
-
-
-def _holds_something(sheet: Any) -> bool:
-    """Whether a cell of a sheet is filled."""
-    sheet.reset_dimensions()
-    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=MOST_SHEET_ROWS, values_only=True))
-
-
-def _is_filled(cell: Any) -> bool:
-    return cell is not None and not (isinstance(cell, str) and not cell.strip())
-
-
-def _cell_name(line: int, column: int) -> str:
-    """As a spreadsheet calls it: B3 is line 3, column 1 (counted from 0)."""
-    from openpyxl.utils import get_column_letter
-
-    return f"{get_column_letter(column + 1)}{line}"
-
-
-_PLACES = re.compile(rb"""<(?:\w+:)?(row|c)(?=[\s/>])(?:[^>]*?\sr=["']([A-Z]*)(\d+)["'])?""")
-
-
-def _check_places(stream: IO[bytes], book: Any, file: str | None) -> bool:
-    """Whether the first sheet holds a formula.
-
-    Raises RequestError for rows or cells that do not stand in their order, some of which openpyxl passes over.
-    """
-    from zipfile import ZipFile
-
-    path = book.worksheets[0]._worksheet_path  # noqa: SLF001
-    rest, formulas, row, cell = b"", False, 0, (0, b"")
-    with ZipFile(stream) as archive, archive.open(path) as content:
-        for part in chain(iter(partial(content.read, 1 << 16), b""), [b"<"]):
-            whole, mark, rest = (rest + part).rpartition(b"<")
-            rest = mark + rest
-            formulas = formulas or re.search(rb"<(\w+:)?f[\s/>]", whole) is not None
-            for tag, letters, digits in _PLACES.findall(whole):
-                before = (row, cell)
-                if tag == b"row":
-                    row, cell = int(digits) if digits else row + 1, (0, b"")
-                elif letters:
-                    cell = (len(letters), letters)
-                if digits and (row, cell) <= before:
-                    place = f"cell {(letters + digits).decode()}" if letters else f"row {row}"
-                    detail = f"{place} stands in the file behind others that come after it"
-                    hint = "open and save the file with a spreadsheet, which puts rows and cells into their order"
-                    raise RequestError(Problem("", "bad-table", detail, hint, file, int(digits)))
-    return formulas
-
-
-def _list_formulas(stream: IO[bytes], file: str | None, header_line: int) -> Iterator[Sequence[Any]]:
-    """The rows below the header with formulas instead of what they come to."""
-    import openpyxl
-
-    with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", file):
-        sheet = openpyxl.load_workbook(stream, read_only=True).worksheets[0]
-        sheet.reset_dimensions()
-        return iter(sheet.iter_rows(header_line + 1, values_only=True))
-
-
-def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], formulas: Sequence[Any]) -> None:
-    """Raises RequestError for a formula whose value the file does not hold: it was not written by a spreadsheet."""
-    for k, (cell, formula) in enumerate(zip(row, formulas, strict=False)):
-        if cell is None and formula is not None:
-            formula_text = getattr(formula, "text", formula)
-            detail = (
-                f"cell {_cell_name(line, k)} holds the formula {str(formula_text)[:60]!r}, and not what it comes to"
-            )
-            hint = "open and save the file with a spreadsheet, or write values instead of formulas"
-            raise table.refuse("formula", detail, hint, line, k + 1)
-
-
 def _read_arrow(stream: IO[bytes], file: str | None) -> TableReader:
     import pyarrow
 
@@ -487,7 +329,7 @@ def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], fi
 
 
 _READERS: dict[Format, Callable[[IO[bytes], str | None], TableReader]] = {
-    "csv": _read_csv, "ndjson": _read_lines, "xlsx": _read_workbook, "arrow": _read_arrow, "parquet": _read_parquet,
+    "csv": _read_csv, "ndjson": _read_lines, "arrow": _read_arrow, "parquet": _read_parquet,
 }  # fmt: skip
 
 
@@ -545,39 +387,6 @@ class LineWriter(Writer):
         )
 
 
-class WorkbookWriter(Writer):
-    """One sheet, its header frozen.  The rows are kept on the disk until it is closed."""
-
-    _book: Any = None
-    _sheet: Any = None
-
-    def _open(self) -> None:
-        import xlsxwriter
-
-        plain = dict.fromkeys(("strings_to_formulas", "strings_to_urls", "strings_to_numbers"), False)
-        self._book = xlsxwriter.Workbook(self.stream, {"constant_memory": True, **plain})
-        self._book.set_properties({"author": "tailstack", "created": EPOCH})
-        self._sheet = self._book.add_worksheet("scores")
-        self._sheet.freeze_panes(1, 0)
-        self._sheet.write_row(0, 0, self.header, self._book.add_format({"bold": True}))
-
-    def write(self, columns: Sequence[Column]) -> None:
-        if self._book is None:
-            self._open()
-        rows = list(zip(*map(_values, columns, self.numbers), strict=True))
-        if self.count + len(rows) >= MOST_SHEET_ROWS:
-            detail = f"a sheet of XLSX has {MOST_SHEET_ROWS} rows, its header included; this table has more"
-            raise RequestError(Problem("", "too-many", detail, "write it as .csv or .parquet"))
-        for row in rows:
-            self.count += 1
-            self._sheet.write_row(self.count, 0, row)
-
-    def close(self) -> None:
-        if self._book is None:
-            self._open()
-        self._book.close()
-
-
 class ArrowWriter(Writer):
     """An Arrow stream; what is not there is null."""
 
@@ -621,7 +430,7 @@ class ParquetWriter(ArrowWriter):
 
 
 WRITERS: dict[Format, type[Writer]] = {
-    "csv": CsvWriter, "ndjson": LineWriter, "xlsx": WorkbookWriter, "arrow": ArrowWriter, "parquet": ParquetWriter,
+    "csv": CsvWriter, "ndjson": LineWriter, "arrow": ArrowWriter, "parquet": ParquetWriter,
 }  # fmt: skip
 
 

@@ -27,7 +27,7 @@ MODULES_OF = {
     "pdf": ("weasyprint",),
     "postgres": ("psycopg",),
     "dask": ("dask", "distributed", "cryptography"),
-    "tables": ("openpyxl", "pyarrow"),
+    "tables": ("pyarrow",),
     "dicom": ("pydicom",),
 }  # fmt: skip
 

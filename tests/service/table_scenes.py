@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import openpyxl
 import pyarrow
 from pyarrow import parquet
 
@@ -23,13 +22,6 @@ def write_table(form: Format, header: Sequence[str], rows: Iterable[Sequence[Any
         return text.getvalue().encode()
     if form == "ndjson":
         return b"".join(json.dumps(dict(zip(header, row, strict=True))).encode() + b"\n" for row in rows)
-    if form == "xlsx":
-        book = openpyxl.Workbook()
-        assert book.active is not None
-        for row in (header, *rows):
-            book.active.append(row)
-        book.save(stream)
-        return stream.getvalue()
     table = pyarrow.table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
     if form == "parquet":
         parquet.write_table(table, stream)
@@ -46,9 +38,6 @@ def read_rows(form: Format, content: bytes) -> list[dict[str, Any]]:
         return [{key: number_or_text(cell) for key, cell in row.items()} for row in lines]
     if form == "ndjson":
         return [json.loads(line) for line in content.splitlines()]
-    if form == "xlsx":
-        header, *rows = openpyxl.load_workbook(io.BytesIO(content)).worksheets[0].iter_rows(values_only=True)
-        return [dict(zip(map(str, header), row, strict=True)) for row in rows]
     if form == "parquet":
         return parquet.read_table(io.BytesIO(content)).to_pylist()  # type: ignore[no-any-return]
     return pyarrow.ipc.open_stream(content).read_all().to_pylist()  # type: ignore[no-any-return]

@@ -29,21 +29,13 @@ def test_no_habit_changes_a_number_in_silence(habit: str, reader: str) -> None:
 
 
 @pytest.mark.parametrize("habit", BINARY)
-def test_nor_does_a_workbook_or_a_decimal(habit: str) -> None:
+def test_nor_does_a_decimal(habit: str) -> None:
     assert outcome("table of designs", *BINARY[habit])
 
 
 def test_the_page_shows_what_becomes_of_each() -> None:
     """``python tests/people_habits.py`` prints it anew."""
     assert make_table() in PAGE.read_text(encoding="utf-8")
-
-
-def test_what_a_workbook_says_of_its_columns_hides_none() -> None:
-    tables = [read_table(io.BytesIO((FILES / name).read_bytes()), "xlsx")
-              for name in ("control.xlsx", "dimension_columns.xlsx")]  # fmt: skip
-    control, other = ([table.header, *((tuple(b.lines), b.columns) for b in table.blocks)] for table in tables)
-    assert control == other
-    assert len(tables[0].header) == 3
 
 
 def test_decimal_commas_go_out_as_they_came_in(tmp_path: Path) -> None:

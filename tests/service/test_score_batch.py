@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import io
 import random
-import re
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
-import openpyxl
 import pytest
 from door_pages import run_page
 from table_scenes import read_rows, write_table
@@ -34,7 +31,7 @@ def write(path: Path) -> None:
     path.write_bytes(write_table(ENDINGS[path.suffix], ["variant", AP, BEAD], ROWS))
 
 
-@pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
+@pytest.mark.parametrize("form", [".csv", ".ndjson", ".arrow", ".parquet"])
 def test_a_table_comes_back_in_its_format_with_the_scores_of_its_rows(form: str, tmp_path: Path) -> None:
     """independent: other readers and writers, and the score of each row's own design."""
     there, back = tmp_path / f"table{form}", tmp_path / f"scores{form}"
@@ -101,62 +98,6 @@ def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
     assert not list(tmp_path.glob("scores*"))
 
 
-def workbook(rows: dict[int, tuple[Any, ...]], dimension: str | None = None) -> io.BytesIO:
-    """A workbook with these rows, which says of its size what is so, or else what it is told to say."""
-    book = openpyxl.Workbook()
-    assert book.active is not None
-    for line, row in rows.items():
-        for column, cell in enumerate(row, 1):
-            book.active.cell(line, column, cell)
-    book.save(content := io.BytesIO())
-    if dimension:
-        told = io.BytesIO()
-        with zipfile.ZipFile(content) as packed, zipfile.ZipFile(told, "w") as packing:
-            for name in packed.namelist():
-                text = re.sub(rb'<dimension ref="[^"]*"', f'<dimension ref="{dimension}"'.encode(), packed.read(name))
-                packing.writestr(name, text)
-        content = told
-    content.seek(0)
-    return content
-
-
-@pytest.mark.parametrize(("first", "next_filled"), [(3, 4), (3, 1026), (3, 1027), (1025, 1026), (1500, 9000)])
-def test_no_row_of_a_sheet_is_lost_behind_empty_ones(first: int, next_filled: int) -> None:
-    rows: dict[int, tuple[Any, ...]] = {1: (AP,)} | dict.fromkeys(range(2, first), (0.3,)) | {next_filled: (0.2,)}
-    table = read_table(workbook(rows), "xlsx")
-    found = [(line, cell) for block in table.blocks for line, cell in zip(block.lines, block.columns[0], strict=True)]
-    assert found == [*((line, 0.3) for line in range(2, first)), (next_filled, 0.2)]
-    [said] = table.describe()
-    assert said.startswith(f"{next_filled - first} row")
-    assert f"{first}" in said
-
-
-def test_rows_of_a_sheet_have_the_lines_that_the_sheet_numbers() -> None:
-    rows: dict[int, tuple[Any, ...]] = {1: ("name", AP)} | {line: (f"row {line}", line / 8) for line in range(2, 2501)}
-    rows[2500] = ("row 2500",)
-    table = read_table(workbook(rows | {2600: (None, "")}), "xlsx")  # a cell that was cleared below the table
-    found = [(line, *row) for block in table.blocks for line, *row in zip(block.lines, *block.columns, strict=True)]
-    assert found[:-1] == [(line, f"row {line}", line / 8) for line in range(2, 2500)]
-    assert found[-1] == (2500, "row 2500", None)
-
-
-def test_what_a_workbook_says_of_its_size_hides_no_row() -> None:
-    rows: dict[int, tuple[Any, ...]] = {1: ("name", AP), 2: ("a", 0.25), 3: ("b", 0.5)}
-    table = read_table(workbook(rows, "A1"), "xlsx")
-    assert table.header == ("name", AP)
-    assert [(tuple(block.lines), block.columns) for block in table.blocks] == [((2, 3), (("a", "b"), (0.25, 0.5)))]
-
-
-def test_a_refusal_says_which_sheet_was_not_read(tmp_path: Path, refused: Any) -> None:
-    book = openpyxl.Workbook()
-    book.create_sheet("designs").append([AP])
-    book.worksheets[0].append(["cover"])
-    book.save(tmp_path / "a.xlsx")
-    assert "sheet 'Sheet' was read, and not 'designs'" in refused(
-        "score", DEMO, "--batch", str(tmp_path / "a.xlsx"), "-o", str(tmp_path / "b.csv")
-    )
-
-
 def test_no_line_of_json_is_lost_behind_empty_ones_and_no_field_behind_another() -> None:
     line = b'{"a": 0.5}\n'
     table = read_table(io.BytesIO(b"\n" + line + b" \n" * 1500 + line), "ndjson")
@@ -185,7 +126,7 @@ def test_a_line_that_is_not_json_is_refused_in_our_words(text: bytes, words: str
     assert (problem.code, problem.line) == ("json-syntax", 2)
 
 
-@pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
+@pytest.mark.parametrize("form", [".csv", ".ndjson", ".arrow", ".parquet"])
 def test_a_damaged_file_is_read_or_refused(form: str, tmp_path: Path) -> None:
     """Bytes changed, put in, taken out, cut off: never anything but rows or a refusal."""
     rng, there = random.Random(form), tmp_path / f"table{form}"

@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from tailstack.errors import DesignError, IllPosedError, LimitError, Problem
+from tailstack.people_tables import Rows
 from tailstack.results.batch import ScoredTable
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
@@ -175,7 +176,7 @@ def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of ``score`` for a table of designs."""
     group = parser.add_argument_group(TABLE)
     words = (
-        "score the design once for each row of a table (.csv, .ndjson, .xlsx, .arrow, .parquet; - reads CSV from "
+        "score the design once for each row of a table (.csv, .ndjson, .arrow, .parquet; - reads CSV from "
         "stdin): columns called by JSON pointers or paths give numbers of it, the others go along"
     )
     group.add_argument("--batch", metavar="TABLE", help=words)
@@ -382,13 +383,12 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
             detail = f"at most {most} rows are scored in one request; this table has more"
             hint = f"send fewer, or start the service with a higher {variable('max_batch_rows')}"
             raise LimitError(Problem("/table", "too-many", detail, hint))
+    counts = Rows() if table.text is None else table.text.counts
     if not cells[0]:
-        reason = "; ".join(("the table has no rows", *table.counts.describe()))
+        reason = "; ".join(("the table has no rows", *counts.describe()))
         raise table.refuse("too-short", reason, "each row is a design")
-    if table.remarks or {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
-        raise table.refuse(
-            "left-out", "; ".join(table.counts.describe()), "leave only the header and its rows, on one sheet"
-        )
+    if {"remark", "title"} & counts.left_out.keys():  # an answer has no place to say it
+        raise table.refuse("left-out", "; ".join(counts.describe()), "leave only the header and its rows")
     return cells
 
 
