@@ -29,6 +29,7 @@ from ..results.verdicts import P95
 from ..system import ArrayLike, Effect, Law, Place, Requirement, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import (
+    LawGradient,
     LawQuantile,
     LinearLaw,
     law_quantile,
@@ -36,14 +37,13 @@ from ..tail.declared import (
     mixture_column_gradient,
     mixture_gradient,
 )
-from ..tail.per_unit import UnitQuantile, unit_quantile
+from ..tail.per_unit import unit_gradient, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, side_by_side, times
 from .terms import DemandTerms, ImageParts, at_ends, linearise_demand, pivot_shift_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
-UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
 PIVOT_STEP_MM = 0.05  # of the exact quantile
 LEAST_PART = 1e-3  # of its limit, that what counts on one side is taken for where it is less: it may be 0
 LEAST_LEVEL = 0.1  # of a quantile in the closed form, which knows nothing of a law's lower end
@@ -133,8 +133,10 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuanti
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300)
         found = quantile.quantile_mm if value is None else value(law)
         return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst)
-    own = _unit_quantile(model, demand, worst.mean_mm)
-    return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
+    laws = unit_laws(columns_of(model, requirement.error), demand, worst.mean_mm)
+    own = unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    value_mm = _keep_positive(own.value_mm, demand)
+    return ExactQuantile(value_mm, own.density, own.standard_error_mm / max(value_mm, 1e-300), worst)
 
 
 def _keep_positive(value: float, demand: QuantileConstraint) -> float:
@@ -153,21 +155,6 @@ def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
         return 0.0
     scaled = weights / density
     return sqrt(float(scaled @ (np.minimum.outer(levels, levels) - np.outer(levels, levels)) @ scaled))
-
-
-def _unit_quantile(
-    model: ErrorModel, demand: QuantileConstraint, mean_mm: Array, stretch: Mapping[str, Array] | None = None
-) -> UnitQuantile:
-    """The required fraction of units' own quantile; ``stretch``: (3, 3) by which gains of some contributors are
-    multiplied."""
-    columns = columns_of(model, demand.requirement.error)
-    if stretch is not None:
-        error = demand.requirement.error
-        gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(error) for block in model.blocks]
-        columns = columns._replace(gain=np.concatenate(gains, axis=1))
-    laws = unit_laws(columns, demand, mean_mm)
-    own = unit_quantile(*laws, demand.requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
-    return replace(own, value_mm=_keep_positive(own.value_mm, demand))
 
 
 def unit_laws(columns: Columns, demand: QuantileConstraint, mean_mm: Array) -> tuple[LinearLaw, LinearLaw]:
@@ -199,8 +186,9 @@ def correction_at(
     signs = evaluation.signs if same_ends is None else same_ends
     at_ends = evaluation if same_ends is None else replace(evaluation, signs=same_ends)
     difference = 2 * log(evaluation.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
-    exact = (_unit_gradient if terms.demand.nested else _exact_gradient)(problem, terms, choice, evaluation)
-    slopes = exact - _closed_gradient(problem, terms, choice, evaluation, signs)
+    slopes = _exact_gradient(problem, terms, choice, evaluation) - _closed_gradient(
+        problem, terms, choice, evaluation, signs
+    )
     return Correction(difference - float(slopes @ _what_is_seen(problem, choice, evaluation)), slopes)
 
 
@@ -209,14 +197,51 @@ def _what_is_seen(problem: PlacementProblem, choice: Choice, evaluation: Evaluat
     return np.concatenate([evaluation.images.numbers, *own])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LawSlopes:
+    """Derivatives of the value that a requirement limits by its law, bounded sources at their ends."""
+
+    law: LinearLaw  # pooled of everything; nested of what a unit (or mounting) holds
+    mixture: list[tuple[LawQuantile, float]]  # see ``quantiles_of``; nested: empty
+    by: LawGradient  # by the law
+    by_shot: Array  # (3, 3) 1/mm, by the covariance of what is drawn again
+    where: Mapping[tuple[str, int], int]  # the column in the law of a source (contributor, index) that has one
+
+    def by_covariance(self, held: bool) -> Array:
+        """(3, 3) 1/mm, by that of what a unit (or mounting) holds, or of what it draws again."""
+        return self.by.by_covariance if held else self.by_shot
+
+    def by_log_width(self, source: tuple[str, int], held: bool, scaled: Array) -> float:
+        """By the logarithm of the half-width of a source that is not bounded; scaled (3,) mm: its gain times its
+        standard deviation."""
+        if source in self.where:
+            return float(self.by.by_log_column[self.where[source]])
+        return 2 * float(scaled @ self.by_covariance(held) @ scaled)
+
+
+def law_slopes(model: ErrorModel, demand: QuantileConstraint, mean_mm: Array) -> LawSlopes:
+    """At a mean (3,) mm; nested, columns of what is drawn again are taken as normal."""
+    requirement, columns = demand.requirement, columns_of(model, demand.requirement.error)
+    held = columns.held(demand.level) if demand.nested else np.full(len(columns.kinds), True)
+    keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
+    where = {keys[k]: column for column, k in enumerate(np.flatnonzero(held & columns.wide).tolist())}
+    if demand.nested:
+        laws = unit_laws(columns, demand, mean_mm)
+        by, by_shot = unit_gradient(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+        return LawSlopes(laws[0], [], by, by_shot, where)
+    law = law_of(mean_mm, columns)
+    mixture = quantiles_of(law, requirement)
+    by = mixture_gradient(law, mixture, requirement.quantile)
+    return LawSlopes(law, mixture, by, by.by_covariance, where)
+
+
 def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of log r^2 under the declared law; by differences along pivots, analytic otherwise."""
-    requirement = terms.demand.requirement
-    law, where = declared_law(evaluation.model, requirement.error, evaluation.mean_mm)
-    columns = [where.get((source.contributor, source.index)) for source in terms.common]
-    near, mixture = requirement.quantile, quantiles_of(law, requirement)
-    slopes = mixture_gradient(law, mixture, near)
-    by_column = mixture_column_gradient(law, mixture, near) if columns != [None] * len(columns) else None
+    slopes = law_slopes(evaluation.model, terms.demand, evaluation.mean_mm)
+    columns = [slopes.where.get((source.contributor, source.index)) for source in terms.common]
+    by_column = None
+    if slopes.mixture and columns != [None] * len(columns):
+        by_column = mixture_column_gradient(slopes.law, slopes.mixture, terms.demand.requirement.quantile)
     gains = terms.gains.at(pivot_shift_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
@@ -225,20 +250,17 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
             continue
         moved = gains[index] * choice.half_width[source.free]
         if index in ends:
-            widths[source.free] += float(slopes.by_mean @ moved) * ends[index]
-        elif source.law is Law.NORMAL:
-            scaled = moved * source.std_per_half_width
-            widths[source.free] += 2 * float(scaled @ slopes.by_covariance @ scaled)
+            widths[source.free] += float(slopes.by.by_mean @ moved) * ends[index]
         else:
-            column = where.get((source.contributor, source.index))
-            widths[source.free] += 0.0 if column is None else float(slopes.by_log_column[column])
+            key, scaled = (source.contributor, source.index), moved * source.std_per_half_width
+            widths[source.free] += slopes.by_log_width(key, source.held, scaled)
 
-    common = _by_common_gains(terms, evaluation, dict.fromkeys((True, False), slopes.by_covariance))
+    common = _by_common_gains(terms, evaluation, slopes)
     if by_column is not None:
         for c, (source, column) in enumerate(zip(terms.common, columns, strict=True)):
             if column is not None:
                 common[c] = source.half_width * by_column[:, column]
-    images = ImageParts(slopes.by_covariance, slopes.by_covariance, slopes.by_mean, common)
+    images = ImageParts(slopes.by_covariance(False), slopes.by_covariance(True), slopes.by.by_mean, common)
     return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
 
 
@@ -254,12 +276,12 @@ def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, 
     return _exact_gradient(problem, terms, choice, evaluation)[first : first + len(choice.half_width)]
 
 
-def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:
+def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, slopes: LawSlopes) -> Array:
     """(C, 3) gradient of the quantile by the gains of the common sources, through the covariance: for uniform and
     triangular ones it is that of a normal law as wide; bounded ones have none (``QuantileConstraint.ends``)."""
     return np.array(
         [
-            2 * (source.std_per_half_width * source.half_width) ** 2 * by_covariance[source.held] @ gain
+            2 * (source.std_per_half_width * source.half_width) ** 2 * slopes.by_covariance(source.held) @ gain
             for source, gain in zip(terms.common, evaluation.images.gains, strict=True)
         ]
     ).reshape(-1, 3)
@@ -278,64 +300,6 @@ def _gradient(
         through = float(by_images @ (above.images.numbers - below.images.numbers))
         by_pivots.append((2 * log(above.exact_mm / below.exact_mm) - through) / (2 * PIVOT_STEP_MM))
     return np.concatenate([by_images, per * widths, by_pivots])
-
-
-def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
-    """Gradient of log r^2 of a per-unit quantile by central differences: the units are the same ones each time, and
-    the value drawn from them is continuous, so that it has a slope of its own (:mod:`..tail.per_unit`).
-
-    By a covariance C: its sources' gains stretched along each pair of its axes, ``C -> (1 + eps A) C (1 + eps A)'``,
-    which never leaves the covariances.  With A = e_i e_j' + e_j e_i' (half of it for i = j) on those axes, C's
-    eigenvalues l, and G the gradient sought, the slope is ``2 (l_i + l_j) G_ij`` (``2 l_i G_ii``).
-    """
-
-    def ratio(above: float, below: float) -> float:
-        return 2 * log(above / below)
-
-    def at(mean_mm: Array, stretch: Mapping[str, Array] | None = None) -> float:
-        return _unit_quantile(evaluation.model, terms.demand, mean_mm, stretch).value_mm
-
-    def by_covariance(held: bool) -> Array:
-        felt = [block for block in evaluation.model.blocks if block.effect.way is not Way.LINK]
-        blocks = [block for block in felt if block.drawn.is_held(terms.demand.level) == held]
-        scaled = np.hstack([np.zeros((3, 0)), *(b.columns_mm(error) for b in blocks)])
-        names = [block.contributor for block in blocks]
-        lengths, axes = np.linalg.eigh(scaled @ scaled.T)
-        gradient = np.zeros((3, 3))
-        for i in range(3):
-            for j in range(i, 3):
-                size = lengths[i] + lengths[j] if i != j else lengths[i]
-                if size <= 1e-9 * lengths[2]:
-                    continue
-                turn = np.zeros((3, 3))
-                turn[i, j] = turn[j, i] = UNIT_STEP
-                sides = [
-                    at(evaluation.mean_mm, dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T))
-                    for side in (1, -1)
-                ]
-                gradient[i, j] = gradient[j, i] = ratio(*sides) / (2 * UNIT_STEP) / (2 * size)
-        return np.asarray(axes @ gradient @ axes.T)
-
-    error, images = terms.demand.requirement.error, evaluation.images
-    by_mean = np.zeros(3)
-    if images.shift.any():
-        step = UNIT_STEP * evaluation.exact_mm
-        by_mean = np.array(
-            [ratio(at(evaluation.mean_mm + e), at(evaluation.mean_mm - e)) / (2 * step) for e in step * np.eye(3)]
-        )
-    curvature = {held: by_covariance(held) for held in (True, False)}
-    widths = np.zeros(len(choice.half_width))
-    for k in range(len(widths)):
-        factor = np.ones(len(widths))
-        factor[k] = np.exp(UNIT_STEP)
-        sides = [
-            evaluate_demand(problem, terms, replace(choice, half_width=width)).exact_mm
-            for width in (choice.half_width * factor, choice.half_width / factor)
-        ]
-        widths[k] = ratio(*sides) / (2 * UNIT_STEP)
-    common = _by_common_gains(terms, evaluation, curvature)
-    slopes = ImageParts(curvature[False], curvature[True], by_mean, common)
-    return _gradient(problem, terms, choice, 1.0, slopes, widths)
 
 
 def _pivot_steps(choice: Choice) -> Iterator[tuple[Choice, Choice]]:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import minimize
 
-from ..contributors import columns_of, law_of, value_of, worst_case
+from ..contributors import value_of, worst_case
 from ..design import Design
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
@@ -27,10 +27,8 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
-from ..tail.declared import mixture_gradient
-from ..tail.per_unit import unit_gradient
 from .contradictions import refuse_contradictions
-from .exact_law import LOG2_UNITS, UNIT_STEP, exact_quantile, quantiles_of, unit_laws
+from .exact_law import exact_quantile, law_slopes
 from .prices import cost_of, slope_of
 from .problem import (
     PlacementProblem,
@@ -47,6 +45,9 @@ from .terms import linearise_demand
 AIM = 3e-6  # of a limit: how far below it the values are brought
 OPTIONS = {"ftol": 1e-9, "maxiter": 200}
 MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
+UNIT_STEP = (
+    1e-2  # of the logarithm of a half-width, where a slope is a difference: it jumps a little, and is evened out
+)
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 
@@ -179,36 +180,23 @@ class _Held:
         """(K,) of its logarithm by that of each half-width: analytic; of a corridor that is read of each unit by
         itself by differences, with the same units each time."""
         model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
-        error, near = requirement.error, requirement.quantile
-        worst = worst_case(model, error, near, value=value_of(requirement))
+        error = requirement.error
+        worst = worst_case(model, error, requirement.quantile, value=value_of(requirement))
         if self.demand.nested and len(worst.mean_mm) > 3:
             wider = (half_width * np.exp(step) for step in UNIT_STEP * np.eye(len(half_width)))
             here = log(self.ratio_at(half_width))
             return np.array([log(self.ratio_at(width)) - here for width in wider]) / UNIT_STEP
-        columns = columns_of(model, error)
-        held = columns.held(self.demand.level) if self.demand.nested else np.full(len(columns.kinds), True)
-        if self.demand.nested:
-            laws = unit_laws(columns, self.demand, worst.mean_mm)
-            by, by_shot = unit_gradient(*laws, near, self.demand.fraction, log2_units=LOG2_UNITS)
-            size = self.ratio_at(half_width) * requirement.limit
-        else:
-            law = law_of(worst.mean_mm, columns)
-            mixture = quantiles_of(law, requirement)
-            by, by_shot = mixture_gradient(law, mixture, near), np.zeros((3, 3))
-            size = sum(weight * each.quantile_mm for each, weight in mixture)
-        first = np.cumsum([0, *(len(block.laws) for block in model.blocks)])
-        place = np.cumsum(held & columns.wide) - 1  # of each source, its column in the law
+        found = law_slopes(model, self.demand, worst.mean_mm)
         for k, (b, j) in enumerate(self.places):
-            source, block = first[b] + j, model.blocks[b]
-            moved = block.columns_mm(error)[:, j]
-            if not held[source]:
-                slopes[k] = 2 * (moved @ by_shot @ moved)
-            elif columns.wide[source]:
-                slopes[k] = by.by_log_column[place[source]]
-            elif block.laws[j] is Law.BOUNDED:
-                slopes[k] = worst.signs[block.contributor, j] * half_width[k] * (by.by_mean @ block.gain(error)[:, j])
+            block = model.blocks[b]
+            key, held = (block.contributor, j), block.drawn.is_held(self.demand.level)
+            if block.laws[j] is Law.BOUNDED:
+                slopes[k] = worst.signs[key] * half_width[k] * (found.by.by_mean @ block.gain(error)[:, j])
             else:
-                slopes[k] = 2 * (moved @ by.by_covariance @ moved)
+                slopes[k] = found.by_log_width(key, held, block.columns_mm(error)[:, j])
+        size = sum(weight * each.quantile_mm for each, weight in found.mixture)
+        if self.demand.nested:
+            size = self.ratio_at(half_width) * requirement.limit
         return slopes / (size or 1.0)
 
 
