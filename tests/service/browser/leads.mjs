@@ -1,6 +1,6 @@
 // How the workbench leads: from points of one's own to a first design, to what to do next, and to a verified optimum.
 // See tests/service/test_workbench_leads.py.
-import { asked, axe, begun, bead, centre, current, drawn, drop, faded, newContext, open, part, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, drawn, drop, faded, newContext, open, part, sha, state, take, unhurried, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -81,7 +81,7 @@ scenarios.job = async () => {
 
 // A bead is dragged: where it was, and by how much the numbers change; then what the strip offers for a design that fails
 scenarios.next = async () => {
-  const page = await begun(await newContext()), found = {}, numbers = async () => (await page.locator('[data-testid="numbers"] dd').first().innerText()).replace(/\s+/g, " ");
+  const page = await begun(await unhurried()), found = {}, numbers = async () => (await page.locator('[data-testid="numbers"] dd').first().innerText()).replace(/\s+/g, " ");
   const first = await sha(page), [x, y] = await centre(bead(page, "F2"));
   const look = async () => ({ numbers: await numbers(), value: (await state(page)).score.verdict.checks[0].value, outlines: await page.locator(".picture .was circle").count(), deltas: await page.locator(".budget .delta").count(), states: await page.locator(".trail .state").count() });
   found.begin = await look();

@@ -1,5 +1,5 @@
 // The limit as a handle: how it is dragged.  See tests/service/test_workbench_limit.py.
-import { asked, axe, begun, centre, drawn, newContext, state, tell, wide } from "./page.mjs";
+import { asked, axe, begun, centre, drawn, state, tell, unhurried, wide } from "./page.mjs";
 
 const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.locator(".rail [role=status]").innerText();
 const numberOf = async (page, of, what = "aria-valuenow") => Number(await handle(page, of).getAttribute(what));
@@ -28,7 +28,7 @@ const offered = (page) => page.waitForFunction(() => /\d/.test(document.querySel
 
 // A handle dragged, held, let go, and taken back; then with keys, given up, and typed
 scenarios.drag = async () => {
-  const page = await begun(await newContext(asked.context ?? {})), found = {};
+  const page = await begun(await unhurried(asked.context ?? {})), found = {};
   await offered(page);
   await lock(page, asked.lock ?? []);
   await offered(page);
@@ -51,7 +51,7 @@ scenarios.drag = async () => {
 };
 
 scenarios.keys = async () => {
-  const page = await begun(await newContext()), found = {};
+  const page = await begun(await unhurried()), found = {};
   await offered(page);
   found.before = await told(page);
   await handle(page, "limit").focus();
@@ -82,7 +82,7 @@ scenarios.keys = async () => {
 
 // By a finger
 scenarios.touch = async () => {
-  const context = await newContext({ hasTouch: true, isMobile: true }), page = await begun(context), session = await context.newCDPSession(page), found = {};
+  const context = await unhurried({ hasTouch: true, isMobile: true }), page = await begun(context), session = await context.newCDPSession(page), found = {};
   await offered(page);
   const [x, y] = await centre(handle(page, "limit")), ruler = await page.locator(".ruler").boundingBox(), end = ruler.x + asked.to * ruler.width, top = await page.evaluate(() => scrollY);
   const touch = (type, at) => session.send("Input.dispatchTouchEvent", { type, touchPoints: at === undefined ? [] : [{ x: at, y }] });
@@ -151,7 +151,7 @@ scenarios.curve = async () => {
 
 // The service is killed while the hand holds
 scenarios.killed = async () => {
-  const page = await begun(await newContext()), before = (await state(page)).text;
+  const page = await begun(await unhurried()), before = (await state(page)).text;
   await offered(page);
   await drag(page, "limit", 0.5);
   await settled(page);
@@ -168,7 +168,7 @@ scenarios.killed = async () => {
 
 // What cannot be dragged says why, and asks nothing
 scenarios.barred = async () => {
-  const page = await begun(await newContext()), asks = [];
+  const page = await begun(await unhurried()), asks = [];
   page.on("request", (request) => request.url().includes("/v1/allocations") && asks.push(request.url()));
   await drag(page, "limit", 0.2);
   await page.mouse.up();

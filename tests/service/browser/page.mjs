@@ -28,6 +28,13 @@ export async function newContext(more = {}) {
   context.setDefaultTimeout(asked.limit);
   return context;
 }
+/** One whose stopwatch stands still.  Where scores take long the page asks for none while something is held, and on a busy
+ * machine they may: a scenario that holds something and waits for its number needs a page that never finds it so. */
+export async function unhurried(more = {}) {
+  const context = await newContext(more);
+  await context.addInitScript(() => { performance.now = () => 0; });
+  return context;
+}
 /** What was done to the page so far is drawn. */
 export const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 /** And what fades has faded. */

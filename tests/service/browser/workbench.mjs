@@ -1,5 +1,5 @@
 // Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
-import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, sha, state, take, tell, wide } from "./page.mjs";
+import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, sha, state, take, tell, unhurried, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -123,7 +123,7 @@ const scenarios = {
 
   // The whole job by mouse: move, loosen, verify, optimise, take the optimum, report
   async mouse() {
-    const context = await newContext(), page = await begun(context);
+    const context = await unhurried(), page = await begun(context);
     const [x, y] = await centre(bead(page, "F5"));
     await page.mouse.move(x, y);
     await page.mouse.down();
@@ -253,7 +253,7 @@ const scenarios = {
 
 // What the page looks like in three states, and which of its parts are in sight in each
 scenarios.states = async () => {
-  const context = await newContext(), page = await open(context, asked.url, false), found = {};
+  const context = await unhurried(), page = await open(context, asked.url, false), found = {};
   const take = async (name) => {
     await faded(page);
     await page.screenshot({ path: `${asked.folder}/workbench_${name}.png` });
@@ -543,7 +543,7 @@ scenarios.pace = async () => {
 
 // Moves of the pointer, each to its own number on the page; then many at once.
 scenarios.drag = async () => {
-  const context = await newContext(), page = await begun(context);
+  const context = await unhurried(), page = await begun(context);
   const [x, y] = await centre(bead(page, "F1")), shown = [], tops = new Set();
   let scores = 0;
   page.on("request", (request) => { scores += Number(request.url().endsWith("/v1/scores")); });
