@@ -5,15 +5,13 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from itertools import chain, combinations
+from itertools import combinations
 from math import sqrt
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from scipy.special import erf
 
 import reference_chain
 from plain_data import DEMO, EXAMPLES, problems_of
@@ -48,9 +46,14 @@ def kabsch(before: Any, after: Any) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("seed", range(40))
 def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
-    """independent: the chain written out, by singular value decompositions; distances are those of the points, and
-    bodies are fitted by one decomposition more (Kabsch)."""
+    """independent: the chain written out, by singular value decompositions; distances are those of the points, axes are
+    turned as cross and dot product say, of every second design by tens of degrees, and bodies are fitted by one
+    decomposition more (Kabsch)."""
     system = random_system(np.random.default_rng(seed), 7 + seed % 6, 2 + seed % 2, targets=7)
+    entry, end, *others = system.targets
+    beyond = np.array([0.1, 0.2, -0.2 if seed % 2 else -20.0])
+    end = replace(end, entry=entry.name, position_mm=entry.position_mm + beyond)
+    system = replace(system, targets=(entry, end, *others))
     every = tuple(target.name for target in system.targets)
     names, bone, implant = every[:3], every[:4], every[4:]
     system = replace(
@@ -62,7 +65,7 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
     z = draw(plan, seed, np.arange(2))
     found = measure_errors(system, np.moveaxis(evaluate(plan, z), 0, -1))
     told = {metric.key: np.linalg.norm(e, axis=0) for metric, e in zip(system.metrics, found, strict=True)}
-    assert len(told) == 2 * 7 + 3 + 1 + 3 + 2 * 3
+    assert len(told) == 2 * 7 + 3 + 3 + 1 + 3 + 2 * 3
     planned = {t.name: (system.T_tcp_con @ np.append(t.position_mm, 1))[:3] for t in system.targets}
     for trial in range(2):
         errors = {
@@ -72,6 +75,12 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
         reached = {name: planned[name] + each["tcp"] for name, each in errors.items()}
         expected = {(name, "z"): abs(errors[name]["tcp"][2]) for name in names}
         expected[names[0], "localisation_x"] = abs(errors[names[0]]["localisation"][0])
+        axis, executed = (points[end.name] - points[entry.name] for points in (planned, reached))
+        off, along = errors[end.name]["tcp"], axis / np.linalg.norm(axis)
+        expected[end.name, "lateral"] = np.linalg.norm(np.cross(along, off))
+        expected[end.name, "axial"] = abs(along @ off)
+        across = np.linalg.norm(np.cross(along, executed))
+        expected[f"{entry.name} to {end.name}", "angle"] = np.rad2deg(np.arctan2(across, along @ executed))
         for one, two in combinations(names, 2):
             apart = np.linalg.norm(reached[one] - reached[two]) - np.linalg.norm(planned[one] - planned[two])
             expected[f"{one} to {two}", "point_to_point"] = abs(apart)
@@ -86,50 +95,6 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
         expected["implant", "translation"] = np.linalg.norm((after - before).mean(axis=0))
         expected["implant", "worst_point"] = np.linalg.norm(after - before, axis=1).max()
         assert {key: told[key][trial] for key in expected} == pytest.approx(expected, rel=1e-7, abs=1e-9)
-
-
-def test_an_error_along_an_axis_has_the_law_of_one_component() -> None:
-    """closed form: folded normal, of the bias and variance that the score publishes; every law is normal."""
-    for error, row in (("z", 2), ("y", 1), ("localisation_x", 0)):
-        data = asking(error)
-        data["execution"].pop("compliance")
-        seats = (seat["tolerances"].values() for seat in data["interfaces"].values())
-        for stated in (*chain.from_iterable(seats), data["fiducials"]["manufacturing"]):
-            stated |= {"distribution": "normal", "coverage_factor": 2}
-        found = score(load_design(data), losses=False)
-        (target,), (told,) = found.targets[:1], found.measures[:1]
-        vector = target.localisation if error.startswith("localisation") else target
-        mean, sd = vector.bias_mm[row], sqrt(vector.covariance_mm2[row][row])
-
-        def beyond(r: float, mean: float = mean, sd: float = sd) -> float:
-            inside = erf((r - mean) / (sd * sqrt(2))) + erf((r + mean) / (sd * sqrt(2)))
-            return float(inside / 2) - 0.95
-
-        assert told.p95 == pytest.approx(brentq(beyond, 0, 10 * sd + abs(mean), xtol=1e-14), rel=1e-9)
-        assert (told.measure, told.site, told.unit) == (error, "tip", "mm")
-
-
-def test_a_distance_knows_what_its_ends_have_in_common() -> None:
-    """independent: the points of 20,000 trials; the estimate within 2 %, and the interval of 95 % widened to 99.9 %.
-    With errors that are independent at both ends it would be larger by more than half."""
-    design = load_design(asking("point_to_point", (15.0, -5.0, 40.0)))
-    first, drawn, system = score(design), verify(design, trials=20_000, seed=5), compile_design(design)
-    (estimate,), (check,) = first.measures, drawn.measures
-    assert (check.site, check.unit) == ("tip to t1", "mm")
-    errors = run_indices(compile_plan(system), 5, 0, 20_000).errors[:, 0]
-    ends = [system.T_tcp_con[:3, :3] @ target.position_mm for target in system.targets]
-    apart = np.linalg.norm((ends[1] - ends[0])[:, None] + errors[1] - errors[0], axis=0)
-    longer = np.sort(np.abs(apart - np.linalg.norm(ends[1] - ends[0])))
-    assert check.p95 == pytest.approx(longer[19_000 - 1], rel=1e-9)
-    assert check.mean == pytest.approx(longer.mean(), rel=1e-9)
-    low, high = check.p95_interval or (0.0, 0.0)
-    spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.02 * estimate.p95
-    assert low - spread < estimate.p95 < high + spread
-    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    apart_sd = sqrt(sum(along @ np.array(target.covariance_mm2) @ along for target in first.targets))
-    assert 1.96 * apart_sd > 1.5 * estimate.p95
-    assert first.losses[0].value == estimate.p95
-    assert first.verdict.checks[0].open_because.startswith("how far the estimate of the error of a distance")
 
 
 def test_covariances_between_targets_are_those_of_trials() -> None:
@@ -258,20 +223,12 @@ def test_a_turn_is_found_however_far_it_goes() -> None:
         assert Rotation.from_quat(np.roll(found[:, k], -1)).as_matrix() == pytest.approx(exact, abs=1e-9)
 
 
-def test_migration_is_drawn_and_judged_in_its_unit() -> None:
+def test_a_limit_is_on_the_bodies_that_it_names_or_on_their_points() -> None:
     data = with_body("rotation", targets=["implant"], limit_deg=1.0)
     data["requirements"][0].pop("limit_mm")
-    first, drawn = score(load_design(data), losses=False), verify(load_design(data), trials=20_000, seed=3)
-    assert [each.site for each in first.measures] == ["bone", "implant"] * 3
-    for estimate, told in zip(first.measures, drawn.measures, strict=True):
-        low, high = told.p95_interval or (0.0, 0.0)
-        spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.02 * estimate.p95
-        assert estimate.p95 < high + spread
-        assert low - spread < estimate.p95 or estimate.measure == "worst_point"  # a lower bound
-    (check,) = drawn.verdict.checks
-    assert (check.target, check.unit, check.limit) == ("implant", "deg", 1.0)
-    assert check.status == "fail"
-    assert check.value == drawn.measures[1].p95
+    found = score(load_design(data), losses=False)
+    assert [each.site for each in found.measures] == ["bone", "implant"] * 3
+    assert [(check.target, check.value) for check in found.verdict.checks] == [("implant", found.measures[1].p95)]
     everywhere = with_body("tcp", targets=["bone"])
     assert [each.target for each in score(load_design(everywhere)).verdict.checks] == ["m0", "m1", "m2"]
 
