@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg import rq
+from scipy.linalg import expm, rq
 
 from scenes import effect_named
 from tailstack.estimation.least_squares import estimate_views, locate, row_weights
@@ -95,6 +95,20 @@ def tilt(view: View, images: Array, turns: Array) -> Array:
     return by_u * turns[0] + by_v * turns[1]
 
 
+def carry_on(system: System, inputs: dict[str, Array], point: Array) -> Array:
+    """A point (4,) in flange after the screws of the arm, as exponentials of matrices."""
+    arm: list[Any] = [effect for effect in system.effects if hasattr(effect, "twists")]
+    total = sum(
+        each.amounts @ (each.known + each.sources.direction @ inputs.get(each.name, np.zeros(each.sources.count)))
+        for each in arm
+    )
+    for twist, amount in zip(arm[0].twists, total, strict=True) if arm else ():
+        w, v = amount * twist[:3], amount * twist[3:]
+        generator = np.array([[0, -w[2], w[1], v[0]], [w[2], 0, -w[0], v[1]], [-w[1], w[0], 0, v[2]], [0, 0, 0, 0]])
+        point = expm(generator) @ point
+    return point
+
+
 def inputs_of(plan: ChainPlan, z: Array, place: int) -> dict[str, Array]:
     """What deviates (d,) of a trial are in native units, as ``run`` takes them, for the target at a place."""
     system, inputs = plan.system, {}
@@ -172,7 +186,8 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     if heat is not None:  # the connector has carried con away from the flange, and the robot does not know
         moved = moved - kelvin * heat.connector_per_k * (heat.seat_mm - heat.flange_seat_mm)
     to_tool = system.T_tcp_flange @ system.T_flange_con
-    tool = (to_tool @ np.append(moved, 1))[:3]
+    at_flange = carry_on(system, inputs, system.T_flange_con @ np.append(moved, 1))
+    tool = (system.T_tcp_flange @ at_flange)[:3]
     tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)
     tool = tool + system.execution.known
     tool = tool + system.execution.sources.direction @ inputs.get("execution", np.zeros(system.execution.sources.count))

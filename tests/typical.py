@@ -46,6 +46,9 @@ def draw_record(record: type[Record], rng: np.random.Generator, share: float, to
         stays = field.is_required() or name.startswith(("half_width", "distribution"))
         if value is not None and (stays or rng.random() < share):
             drawn[name] = value
+    lists = [name for name, value in drawn.items() if isinstance(value, list)]
+    for name in lists:  # several of one record are of the same things, and equally long
+        drawn[name] = drawn[name][: min(len(drawn[each]) for each in lists)]
     if drawn.get("distribution") != "normal":
         drawn.pop("coverage_factor", None)
     return drawn
@@ -81,7 +84,12 @@ def draw_value(kind: Any, rng: np.random.Generator, share: float, told: Typicals
 def declare(document: dict[str, Any], kind: EffectKind[Any], rng: np.random.Generator, share: float = 0.7) -> bool:
     """Put the sections of an effect into a document, view by view; whether it takes them.  A view that has to state the
     size of its image for it does, where it shows all fiducials and targets near its middle."""
-    places = {"design": [document], "fiducials": [document["fiducials"]], "view": document["views"]}
+    places = {
+        "design": [document],
+        "execution": [document.setdefault("execution", {})],
+        "fiducials": [document["fiducials"]],
+        "view": document["views"],
+    }
     taken = [_put(document, place, kind.section, rng, share) for place in places[kind.host]]
     return any(taken)
 

@@ -254,8 +254,9 @@ class Place(IntEnum):
     SEAT = 4  # a torsor about a pivot in con: the structure on the connector, T_err1
     FLANGE = 5  # a torsor about a pivot in con: the connector on the end effector's flange, T_err2
     CONNECTOR = 6  # x, y and z, con, mm: of what is behind the reconstructed point, at the flange
-    HAND_EYE = 7  # a torsor about a pivot in tcp, after T_tcp_flange
-    TOOL = 8  # x, y and z of the tool centre point, tcp, mm
+    ARM = 7  # by how much each screw of an arm turns, or shifts, what is at the flange (``effects.robot``)
+    HAND_EYE = 8  # a torsor about a pivot in tcp, after T_tcp_flange
+    TOOL = 9  # x, y and z of the tool centre point, tcp, mm
 
 
 class Act(NamedTuple):
@@ -265,6 +266,7 @@ class Act(NamedTuple):
     view: str | None  # name of the view; None: all of them
     direction: ArrayLike | None  # (rows, m) per unit of each parameter; None: the parameters are the rows
     pivot_mm: ArrayLike = np.zeros(3)  # of a torsor
+    twists: Array = np.zeros((0, 6))  # (rows, 6) flange, mm: the screws of an arm, the first acts first
 
     def by(self, parameters: ArrayLike) -> ArrayLike:
         """(rows, ...) of parameters (m, ...), by plain sums: BLAS picks its order of summation by processor, and the
@@ -388,6 +390,7 @@ class DirectEffect(Effect):
                 | Place.SEAT
                 | Place.FLANGE
                 | Place.CONNECTOR
+                | Place.ARM
                 | Place.HAND_EYE
                 | Place.TOOL
             ):
@@ -402,7 +405,7 @@ class DirectEffect(Effect):
                 return Way.IMAGES
             case Place.SHOT:
                 return Way.SHARED
-            case Place.SEAT | Place.FLANGE | Place.CONNECTOR | Place.HAND_EYE | Place.TOOL:
+            case Place.SEAT | Place.FLANGE | Place.CONNECTOR | Place.ARM | Place.HAND_EYE | Place.TOOL:
                 return Way.LINK
             case _:
                 assert_never(self.place)

@@ -55,7 +55,7 @@ CALLED = {  # there
     "structure_connector": "both interfaces", "connector_flange": "both interfaces", "hand_eye": "hand–eye",
     "fiducial_manufacturing": "manufacturing", "image_field": "residual image fields", "execution": "repeatability",
     "assumed_intrinsics": "assumed intrinsics", "detector_tilt": "tilts of the detector", "fiducial_noise": "noise",
-    "clamping": "clampings",
+    "clamping": "clampings", "robot": "robot's joints and links", "joint_scatter": "scatter of the joints",
     "target_noise": "noise", "motion": "motion between the shots", "temperature": "temperature",
 }  # fmt: skip
 
@@ -66,7 +66,7 @@ def scene() -> System:
 
 
 def test_the_scene_has_every_effect(scene: System) -> None:
-    kinds = {effect.name.split(":")[0] for effect in scene.effects}
+    kinds = {effect.name.split(":")[0] for effect in scene.effects} - {"joint_scatter"}  # declared with the robot
     assert len(kinds) == len(EFFECTS), "put the new effect into scenes.every_effect"
     for effect in scene.effects:
         assert effect.sources.count or effect.known.any(), effect.name
@@ -90,7 +90,11 @@ def test_what_is_typical_lies_in_its_domain_and_random_designs_have_all_of_it() 
     for seed in range(30):
         rng = np.random.default_rng([39, seed])
         document = with_typical(under(random_document(rng, 2, 8, False), "pose", "", rng), rng)
-        met.update(name for place in (document, document["fiducials"], *document["views"]) for name in place)
+        met.update(
+            name
+            for place in (document, document["fiducials"], document.get("execution", ()), *document["views"])
+            for name in place
+        )
     assert {name for kind in EFFECTS for name in kind.section.model_fields} <= set(met)
 
 

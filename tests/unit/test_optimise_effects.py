@@ -57,6 +57,11 @@ CLAMPINGS = [
     {"fiducials": ["F1", "F2", "F3"], "tolerances": {"rx": normal("deg", 0.3), "tz": normal("mm", 0.1)}},
     {"pivot_mm": [0, 0, -80], "scale": {"half_width_rel": 0.002, "distribution": "uniform"}},
 ]
+ROBOT = {
+    "dh_convention": "standard", "dh": [{"d_mm": 300, "alpha_deg": 90}, {"a_mm": 400}, {"a_mm": 300, "alpha_deg": -90}],
+    "joints_imaging_deg": [0, 40, -60], "joints_executing_deg": [30, 60, -50], "joint_sd_deg": 0.05,
+    "repeatability_sd_deg": 0.01, "stiffness_nm_per_rad": [1e4, 1e4, 1e4], "payload_kg": 5,
+}  # fmt: skip
 EFFECTS: dict[str, Any] = {
     "motion": lambda data: data["views"][1].update(motion=MOTION),
     "image field": lambda data: data["views"][0].update(image_field=field("uniform")),
@@ -67,6 +72,7 @@ EFFECTS: dict[str, Any] = {
     "temperature": lambda data: data.update(temperature=HEAT),
     "balls": lambda data: data["fiducials"].update(diameter_mm=12),
     "clampings": lambda data: data["fiducials"].update(common=CLAMPINGS),
+    "robot": lambda data: data.setdefault("execution", {}).update(robot=ROBOT),
     "noise that has a shape": lambda data: [
         view.update(fiducial_noise_shape=[[1.7, -0.4], [-0.4, 0.3]], target_noise_shape=[[0.6, 0.2], [0.2, 1.4]])
         for view in data["views"]

@@ -148,6 +148,7 @@ def _effects(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effe
     pivots = find_pivots(document)
     hosts: dict[Host, list[tuple[Record, Setting]]] = {
         "design": [(document, Setting("", views, pivots))],
+        "execution": [(document.execution, Setting("/execution", views, pivots))],
         "fiducials": [(document.fiducials, Setting("/fiducials", views, pivots))],
         "view": [
             (view, Setting(f"/views/{index}", (compiled,), pivots))

@@ -132,7 +132,12 @@ def _list_fiducials(document: DesignDocument) -> Iterator[tuple[str, str, Sequen
 
 def _hosts(document: DesignDocument) -> dict[Host, Sequence[Record]]:
     """The records that sections of effects stand in."""
-    return {"design": [document], "fiducials": [document.fiducials], "view": document.views}
+    return {
+        "design": [document],
+        "execution": [document.execution],
+        "fiducials": [document.fiducials],
+        "view": document.views,
+    }
 
 
 def _too_many(pointer: str, what: str, count: int, limit: int) -> list[Problem]:

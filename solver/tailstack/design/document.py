@@ -589,6 +589,7 @@ class Compliance(Record):
     _law = with_law("load_half_width_n")
 
 
+@with_sections("execution", drawn=Drawn.SHOT)
 class Execution(Record):
     """What happens between the navigated position and the tool."""
 
@@ -596,8 +597,6 @@ class Execution(Record):
     hand_eye: HandEye | None = Field(default=None, description="Hand-eye calibration error. Absent: none.")
     compliance: Compliance | None = Field(default=None, description="Deflection under load. Absent: rigid.")
     drawn: HowOften = level_field(Drawn.SHOT, "what repeatability and load add")
-
-    _as_before = leave_out_later({"drawn": Drawn.SHOT})
 
 
 SCHEMA_NAME = "tailstack/design/1"

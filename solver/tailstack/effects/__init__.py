@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from ..fields import Record, leave_out_later
-from . import ball_images, clamping, detector_tilt, image_field, intrinsics, motion, temperature
+from . import ball_images, clamping, detector_tilt, image_field, intrinsics, motion, robot, temperature
 from .kind import EffectKind, Host
 
 _Record = TypeVar("_Record", bound=Record)
@@ -24,6 +24,7 @@ EFFECTS: tuple[EffectKind[Any], ...] = (
     ball_images.KIND,
     detector_tilt.KIND,
     clamping.KIND,
+    robot.KIND,
 )
 
 

@@ -18,7 +18,7 @@ from ..system import Effect, System, View
 Section = TypeVar("Section", bound=Record)
 Subject = TypeVar("Subject")
 Pivots = Mapping[str, Vector3]  # con, mm, of the interfaces that a design declares
-Host = Literal["view", "fiducials", "design"]  # the records of the document that sections can be added to
+Host = Literal["view", "fiducials", "execution", "design"]  # the records of the document that sections can be added to
 
 
 class Doubt(NamedTuple):

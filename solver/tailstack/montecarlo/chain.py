@@ -30,7 +30,7 @@ from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
-from .tables import EXECUTION, MANUFACTURED, MOUNTS, beads_slot, images_slot, intrinsics_slot, shot_slot
+from .tables import EXECUTION, MANUFACTURED, MOUNTS, arm_slot, beads_slot, images_slot, intrinsics_slot, shot_slot
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
@@ -341,6 +341,7 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
 
     weighed = system.triangulation.traits.weighing is Weighing.BY_NOISE
     executed = act(EXECUTION, 3) + tables.execution_bias
+    amounts = (act(arm_slot(views), len(tables.twists)) + tables.screwed).T
     errors = np.empty((trials, targets, 2, 3))
     tcp_con = system.T_tcp_con
     for t, target in enumerate(system.targets):
@@ -350,6 +351,10 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         located = locate(system, estimates, noisy, assumed, weights)
         errors[:, t, 1] = located - target.position_mm
         tool = transform_points(transforms[1], located[:, None]) + grown[:, count:]
+        for twist, amount in zip(tables.twists, amounts, strict=True):
+            moved = np.cross(twist[:3], tool) + twist[3:]
+            sine, versed = (np.sin(amount), 1 - np.cos(amount)) if twist[:3].any() else (amount, 0 * amount)
+            tool = tool + sine[:, None, None] * moved + versed[:, None, None] * np.cross(twist[:3], moved)
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection

@@ -47,6 +47,7 @@ from .lane_least_squares import WORK, resect_by_least_squares
 from .lane_motion import (
     act,
     add_noise,
+    carry_on,
     growth,
     image_fiducials,
     image_shift,
@@ -265,6 +266,7 @@ def chain_errors(tables, target, pose, z, y, results):
         e = move_error(tables, FLANGE, pose, tables.targets[target], e)
     if tables.counts[GROWING] != 0:
         e = add(e, growth(tables, z, tables.counts[FIDUCIALS]))
+    e = carry_on(tables, z, tables.targets[target], e)
     t = times(splats(tables.to_tcp, 9), e)
     if moves(tables.counts, HAND_EYE):
         t = move_error(tables, HAND_EYE, pose, tables.targets_tcp[target], t)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from .lanes import (
     add,
+    cross,
     dot,
     fma,
     join,
@@ -29,11 +30,13 @@ from .tables import (
     FIDUCIALS,
     GROWING,
     MANUFACTURED,
+    SCREWS,
     SEAT,
     SHIFTING,
     SMALL_ANGLE,
     TARGETS,
     VIEWS,
+    arm_slot,
     beads_slot,
     images_slot,
     moves,
@@ -104,6 +107,22 @@ def place_points(tables, z, points):
 def growth(tables, z, i):
     """What heat does to fiducial i, object frame; with i = N, to con at the flange, mm."""
     return act(tables, beads_slot(tables.counts[VIEWS]), 3 * i, z, splats(tables.growth[i], 3))
+
+
+@lane_jit
+def carry_on(tables, z, nominal, e):
+    """Error of ``nominal + e``, con, after the screws of the arm, one after another: by exact turns."""
+    x = splats(nominal, 3)
+    for s in range(tables.counts[SCREWS]):
+        w, v = splats(tables.twists[s], 3), splats(tables.twists[s, 3:], 3)
+        (amount,) = act(tables, arm_slot(tables.counts[VIEWS]), s, z, splats(tables.screwed[s:], 1))
+        moved = add(cross(w, add(x, e)), v)
+        if tables.twists[s, 0] != 0 or tables.twists[s, 1] != 0 or tables.twists[s, 2] != 0:
+            sine, cosine = sine_cosine(amount)
+            e = add(e, add(multiply(moved, sine), multiply(cross(w, moved), splat(1.0) - cosine)))
+        else:
+            e = add(e, multiply(moved, amount))
+    return e
 
 
 @lane_jit

@@ -16,6 +16,8 @@ motion:VIEW            likewise, of each view that has one                      
 image_field:VIEW       likewise                                                      installation
 temperature            likewise                                                      shot
 assumed_intrinsics:VIEW likewise, where the estimator believes them                   installation
+robot:JOINT             likewise                                                      installation
+joint_scatter           likewise                                                      shot
 =====================  ============================================================  ============
 
 Deviates are *standardised*: NORMAL is N(0, 1) times half-width / coverage factor; every other law is on [-1, 1] about
@@ -42,6 +44,7 @@ from ..estimation.least_squares import precisions, weights_at_rest
 from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
+from ..geometry.kinematics import carry, undo
 from ..geometry.rotation import RotationForm
 from ..laws import SUMS
 from ..levels import Drawn
@@ -59,6 +62,7 @@ from .tables import (
     MOUNTS,
     MOVING,
     PUBLISHED,
+    SCREWS,
     SEAT,
     SHIFTING,
     SHOT,
@@ -67,6 +71,7 @@ from .tables import (
     UNKNOWNS,
     VIEWS,
     Tables,
+    arm_slot,
     beads_slot,
     images_slot,
     intrinsics_slot,
@@ -166,7 +171,8 @@ class _Slot(NamedTuple):
     """One place of the chain, and the contributors that act there.
 
     Rows of their directions: a torsor (6); at the tool (3); the images of fiducials and targets in one view, u and v of
-    each; x, y and z of each fiducial, object frame, and of what moves con at the flange; three intrinsics.
+    each; x, y and z of each fiducial, object frame, and of what moves con at the flange; three intrinsics; the screws
+    of an arm.
     """
 
     rows: int
@@ -189,7 +195,7 @@ def _slots(system: System, held: Drawn | None = None) -> list[_Slot]:
     """Every place, with contributors or without; held: see ``compile_plan``.
 
     Three mounts, execution, of each view its motion, the images of each view, what moves the fiducials, of each view
-    its assumed intrinsics: the order in which seeds draw.
+    its assumed intrinsics, the arm: the order in which seeds draw.
     """
     slots = [
         _Slot(
@@ -218,7 +224,16 @@ def _slots(system: System, held: Drawn | None = None) -> list[_Slot]:
     slots += [_Slot(2 * points, parts(at(Place.IMAGES, view.name))) for view in system.views]
     slots.append(_Slot(3 * len(system.fiducials_mm) + 3, _parts_of_beads(system, acts, held)))
     believed = zip(system.views, system.believed_errors, strict=True)
-    return slots + [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
+    slots += [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
+    arm = tuple(pair for pair in acts if pair[1].place is Place.ARM)
+    return [*slots, _Slot(len(_twists(system)), parts(arm))]
+
+
+def _twists(system: System) -> Array:
+    """(S, 6) con: the screws of the arm, if there is one."""
+    scene = system.scene(np.zeros((0, 3)), images_of)
+    acts = (act for effect in system.effects_at(Place.ARM) for act in effect.act(scene))
+    return carry(undo(system.T_flange_con), next((act.twists for act in acts), np.zeros((0, 6))))
 
 
 def _place(act: Act) -> Act:
@@ -228,6 +243,8 @@ def _place(act: Act) -> Act:
             return act  # a slot of each view
         case Place.BEADS | Place.CONNECTOR:
             return act  # ``_parts_of_beads``
+        case Place.ARM:
+            return act  # the last slot
         case Place.SEAT | Place.FLANGE | Place.HAND_EYE | Place.TOOL:
             raise AssertionError(act.place)  # ``System.links`` alone
         case _:
@@ -377,6 +394,8 @@ def compile_plan(
         growth=sources.fixed[beads_slot(views)].reshape(-1, 3),
         pivots=np.array([slot.pivot_mm for slot in sources.slots[: images_slot(views, 0)]]),
         execution_bias=sources.fixed[EXECUTION],
+        twists=_twists(system),
+        screwed=sources.fixed[arm_slot(views)],
     )
     tables = Tables(*(frozen(table, table.dtype) for table in tables))
     return ChainPlan(system, tables, blocks, bounded, values, shots_per_unit)
@@ -572,7 +591,7 @@ def _lay_out(
 
 def _counts(system: System, sources: _SourceTables, deviates: int) -> NDArray[np.int64]:
     views = len(system.views)
-    counts = np.zeros(14, dtype=np.int64)
+    counts = np.zeros(15, dtype=np.int64)
     counts[FIDUCIALS] = len(system.fiducials_mm)
     counts[VIEWS] = views
     counts[TARGETS] = len(system.targets)
@@ -586,6 +605,7 @@ def _counts(system: System, sources: _SourceTables, deviates: int) -> NDArray[np
     counts[HIDDEN] = not system.sees.all()
     counts[EQ18] = system.reading is Reading.EQ18
     counts[SMALL_ANGLE] = system.rotation_form is RotationForm.SMALL_ANGLE
+    counts[SCREWS] = sources.slots[arm_slot(views)].rows if sources.acts(arm_slot(views)) else 0
     counts[PUBLISHED] = not system.triangulation.traits.own_frame
     counts[BY_IMAGES] = system.triangulation.traits.weighing is Weighing.BY_IMAGES
     return counts

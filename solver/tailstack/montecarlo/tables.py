@@ -12,7 +12,7 @@ from ..geometry.arrays import Array
 
 INSTALLATION, SHOT = 0, 1  # streams that deviates are drawn from
 # Slots, in their order: of the mounts and the execution, then of each view's motion before its shot, of each view's
-# images, of the beads, and of the intrinsics that each view is believed to have
+# images, of the beads, of the intrinsics that each view is believed to have, and of the arm
 SEAT, FLANGE, HAND_EYE, EXECUTION = 0, 1, 2, 3
 MOUNTS = (SEAT, FLANGE, HAND_EYE)
 
@@ -36,6 +36,12 @@ def beads_slot(views: int) -> int:
 
 
 @register_jitable
+def arm_slot(views: int) -> int:
+    """Of what turns the screws of an arm."""
+    return EXECUTION + 2 + 3 * views
+
+
+@register_jitable
 def intrinsics_slot(views: int, view: int) -> int:
     """Of what a view's estimate believes of its intrinsics."""
     return EXECUTION + 2 + 2 * views + view
@@ -56,6 +62,7 @@ EQ18 = 10  # the reading of Eq 18
 SMALL_ANGLE = 11  # rotations in their small-angle form
 PUBLISHED = 12  # triangulation in plain millimetres
 BY_IMAGES = 13  # triangulation by the target's images
+SCREWS = 14  # how many an arm has
 
 
 @register_jitable
@@ -74,8 +81,8 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (14,) by ``FIDUCIALS`` ... ``BY_IMAGES``
-    starts: NDArray[np.int64]  # (6 + 3 V,): first column of manufacturing, then of every slot
+    counts: NDArray[np.int64]  # (15,) by ``FIDUCIALS`` ... ``SCREWS``
+    starts: NDArray[np.int64]  # (7 + 3 V,): first column of manufacturing, then of every slot
     nominal: Array  # (N, 3) fiducials in the object frame
     products: (
         Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
@@ -97,9 +104,9 @@ class Tables(NamedTuple):
     row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
     noise: Array  # (V, 2, 3) px, of fiducials, targets: u by its deviate, v by that of u and by its own
     gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
-    # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange; and
-    # of the assumed intrinsics (3, k)
-    gain_starts: NDArray[np.int64]  # (5 + 3 V, 2) of every slot: offset into gains, k
+    # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange;
+    # of the assumed intrinsics (3, k); of the arm, screw by screw
+    gain_starts: NDArray[np.int64]  # (6 + 3 V, 2) of every slot: offset into gains, k
     torsors: Array  # (4 + V, 6) bias of mounts and motions with the bounded sources at their vertex; row 3: not read
     image_shifts: Array  # (V, N + T, 2) px: balls, and fields with the bounded coefficients at their vertex
     growth: Array  # (N + 1, 3) known: of the fiducials, object frame, and what moves con at the flange, mm
@@ -110,3 +117,5 @@ class Tables(NamedTuple):
     targets_tcp: Array  # (T, 3) tcp
     to_tcp: Array  # (9,) rotation of T_tcp_con
     execution_bias: Array  # (3,) tcp
+    twists: Array  # (S, 6) con: the screws of an arm, the first acts first
+    screwed: Array  # (S,) rad, mm: known of each

@@ -13,6 +13,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ..estimation.resection import project
+from ..geometry.kinematics import carry, move_by, undo
 from ..geometry.rotation import Displacement, displacement
 from ..kernels.store import kernel
 from ..system import Act, ArrayLike, Place, Reading, System, Target
@@ -165,7 +166,7 @@ def shift_together(system: System, first: Displacement, target: Target) -> tuple
     are those of :func:`assemble`, nothing for each view.  first: the displacement of the structure by its
     installation at the bias.
     """
-    scene = system.scene(target.position_mm[None], project)
+    scene, to_con = system.scene(target.position_mm[None], project), undo(system.T_flange_con)
     views, rows, kind = len(system.views), 2 * len(system.fiducials_mm) + 2, system.fiducials_mm.dtype
     moved, turned = system.fiducials_mm, np.eye(3)
     if system.reading is Reading.PHYSICAL:
@@ -192,7 +193,7 @@ def shift_together(system: System, first: Displacement, target: Target) -> tuple
                 images = (project(system.views[v].projection, points) for points in (there, moved))
                 shifts[:, -1] = np.subtract(*images).ravel()
                 return shifts
-            case Place.CONNECTOR:
+            case Place.CONNECTOR | Place.ARM:
                 return np.zeros((0, each.shape[1]))
             case Place.INTRINSICS | Place.SEAT | Place.FLANGE | Place.HAND_EYE | Place.TOOL:
                 raise AssertionError(act.place)  # what acts there acts nowhere else: a DirectEffect, no shared one
@@ -206,6 +207,8 @@ def shift_together(system: System, first: Displacement, target: Target) -> tuple
         for act in effect.act(scene):
             if act.place is Place.CONNECTOR:
                 behind = behind + act.by(parameters)
+            elif act.place is Place.ARM:
+                behind = behind + move_by(carry(to_con, act.twists), target.position_mm) @ act.by(parameters)
             for v, view in enumerate(system.views):
                 if act.view in (None, view.name):
                     of_images = shift(act, v, parameters)

@@ -178,8 +178,8 @@ class Passage(NamedTuple):
                 tcp = third @ direction
             case Place.TOOL:
                 tcp = np.broadcast_to(np.eye(3), (*first.shape[:-1], 3)) @ direction
-            case Place.INTRINSICS | Place.SHOT | Place.IMAGES | Place.BEADS:
-                raise AssertionError(place)  # before the reconstructed point: no link
+            case Place.INTRINSICS | Place.SHOT | Place.IMAGES | Place.BEADS | Place.ARM:
+                raise AssertionError(place)  # before the reconstructed point, or of several effects: no link
             case _:
                 assert_never(place)
         return {"tcp": tcp, "localisation": np.zeros_like(tcp)}

@@ -1,0 +1,324 @@
+"""The arm between the shots and the tool: errors of its joints and links, where the tool is set at another pose.
+
+The structure rides on the flange, so that the shots find the target where it is against the flange at the imaging pose
+q1, whatever the arm believes of itself.  The arm then goes to q2.  With F the kinematics that the controller computes
+by and F~ those of the arm, a point x of the flange at q1 should meet the tool, and misses it by
+
+    e = G x - x,  G = F~(q1)^-1 F~(q2) F(q2)^-1 F(q1)  (flange at q1; 1 where q1 = q2; where the base is, is no matter).
+
+To first order ``e = (J(q2, x) - J(q1, x)) dp``, J(q, x) the columns ``w x x + v`` of the errors dp at pose q, all in
+the flange at q1 and at the same point x: what both poses share acts by the difference, what is drawn at each by its
+own.  At the tool it is ``e`` turned by T_tcp_flange: in tcp as it stood at q1, as all that is located.
+Exactly, G is the product of the screws of ``geometry.kinematics``: those at q2, then those at q1 undone.  Screws that
+are the same at both poses undo one another and are left out; so does the whole arm where q1 = q2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from math import radians
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..fields import Coordinate, Degrees, Direction, Name, Point, Record, Typical, leave_out_later, refusal
+from ..geometry.arrays import Array, frozen
+from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_by, place_errors, undo
+from ..levels import Drawn
+from ..ranges import JOINT_SD_DEG, LINK_SD_DEG, LINK_SD_MM, AnySize
+from ..system import Act, Effect, Place, Scene, System
+from ..tolerances import HowOften, Source, gather_sources, level_field
+from .kind import EffectKind, Limit, Proportional, Setting
+
+GRAVITY = 9.80665  # m/s^2
+MOST_JOINTS = 10
+LARGEST_DEG = 1.0  # first order leaves out half the angle of what it turns by: at most 0.9 %
+
+_ANY = AnySize("an arm has links of any size and stands in any pose")
+_Turn = Annotated[Degrees, Typical(-120, 120), _ANY]
+_Length = Annotated[Coordinate, Typical(-400, 400), _ANY]
+_Turns = Annotated[list[_Turn], Field(min_length=1, max_length=MOST_JOINTS)]
+_Sd = Annotated[float, Field(ge=0, le=LARGEST_DEG), Typical(0.002, 0.05), JOINT_SD_DEG]
+_Sds = Annotated[list[_Sd], Field(min_length=1, max_length=MOST_JOINTS)]
+_Stiffness = Annotated[
+    float, Field(ge=1, le=1e8), Typical(1e4, 1e6), AnySize("of a joint, or of a slide, from 1 to rigid")
+]
+
+
+class DhJoint(Record):
+    """A joint by its four Denavit-Hartenberg parameters; lengths in mm, angles in degrees, as data sheets have them."""
+
+    name: Name | None = Field(default=None, description="Name; default J1, J2, ... by position.", examples=["elbow"])
+    type: Literal["revolute", "prismatic"] = Field(
+        default="revolute", description="revolute: it turns, theta is its value; prismatic: it slides, d is."
+    )
+    a_mm: _Length = Field(default=0.0, description="a, mm. Default 0.", examples=[-425.0])
+    alpha_deg: _Turn = Field(default=0.0, description="alpha, degrees. Default 0.", examples=[90.0])
+    d_mm: _Length = Field(default=0.0, description="d, mm; of a slide, where its value is 0.", examples=[162.5])
+    theta_deg: _Turn = Field(
+        default=0.0, description="theta, degrees; of a turn, where its value is 0.", examples=[0.0]
+    )
+
+
+class ParameterSd(Record):
+    """Standard deviations of the geometry: how well the arm was calibrated."""
+
+    length_mm: Annotated[float, Field(ge=0, le=10), Typical(0.01, 0.2), LINK_SD_MM] = Field(
+        default=0.0, description="Of each length, mm. Default 0.", examples=[0.05]
+    )
+    angle_deg: Annotated[float, Field(ge=0, le=LARGEST_DEG), Typical(0.002, 0.05), LINK_SD_DEG] = Field(
+        default=0.0, description="Of each angle between links, degrees. Default 0.", examples=[0.01]
+    )
+
+
+class Robot(Record):
+    """The arm, in both poses, and how far it may be off.  A slide's values are in mm where joints' are in degrees."""
+
+    dh: Annotated[list[DhJoint], Field(min_length=1, max_length=MOST_JOINTS)] = Field(
+        description="The arm by Denavit-Hartenberg parameters, from the base to the flange."
+    )
+    dh_convention: Literal["standard", "modified"] = Field(
+        description="standard: Rz(theta) Tz(d) Tx(a) Rx(alpha) of each joint; modified (Craig): Rx(alpha) Tx(a) "
+        "Rz(theta) Tz(d).",
+        examples=["standard"],
+    )
+    joints_imaging_deg: _Turns = Field(
+        description="Values of the joints where the shots are taken, degrees (a slide: mm).",
+        examples=[[0.0, -90.0, 90.0, 0.0, 90.0, 0.0]],
+    )
+    joints_executing_deg: _Turns = Field(
+        description="Values of the joints where the tool is at work, degrees (a slide: mm).",
+        examples=[[20.0, -70.0, 80.0, 10.0, 90.0, 0.0]],
+    )
+    joint_sd_deg: _Sd | _Sds | None = Field(
+        default=None,
+        description="Standard deviation of the zero of each joint's encoder, degrees (a slide: mm): one number, or one "
+        "a joint. Absent: exact.",
+        examples=[0.01],
+    )
+    parameter_sd: ParameterSd | None = Field(default=None, description="Of lengths and angles. Absent: exact.")
+    repeatability_sd_deg: _Sd | _Sds | None = Field(
+        default=None,
+        description="Standard deviation of each joint about what it is told, degrees (a slide: mm), drawn anew at each "
+        "of the two poses: backlash and scatter. One number, or one a joint. Absent: none.",
+        examples=[0.002],
+    )
+    stiffness_nm_per_rad: Annotated[list[_Stiffness], Field(min_length=1, max_length=MOST_JOINTS)] | None = Field(
+        default=None,
+        description="Stiffness of each joint, Nm/rad (a slide: N/mm), where the controller does not allow for the sag "
+        "of the payload. Only with payload_kg. Absent: rigid.",
+        examples=[[4e4, 4e4, 3e4, 1e4, 1e4, 1e4]],
+    )
+    payload_kg: (
+        Annotated[
+            float, Field(ge=0, le=1000), Typical(0.5, 5), AnySize("from a probe to a C-arm, and known by weighing")
+        ]
+        | None
+    ) = Field(default=None, description="Mass on the flange, kg.", examples=[2.5])
+    payload_centre_mm: Annotated[Point, Typical(-100, 100)] = Field(
+        default=(0.0, 0.0, 0.0), description="Its centre of mass in flange, mm.", examples=[[0.0, 0.0, 80.0]]
+    )
+    up: Annotated[Direction, Typical(-1, 1)] = Field(
+        default=(0.0, 0.0, 1.0), description="Upwards, in the base of the arm. Default its z.", examples=[[0, 0, 1]]
+    )
+    drawn: HowOften = level_field(Drawn.UNIT, "what belongs to the arm (encoders, links)")
+
+    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+
+    @model_validator(mode="after")
+    def _fit(self) -> Self:
+        count = len(self.dh)
+        for field in ("joints_imaging_deg", "joints_executing_deg", "joint_sd_deg", "repeatability_sd_deg",
+                      "stiffness_nm_per_rad"):  # fmt: skip
+            value = getattr(self, field)
+            if isinstance(value, list) and len(value) != count:
+                cure = "one value a joint, from the base to the flange"
+                raise refusal(
+                    "wrong-length", f"{field} has {len(value)} values; the arm has {count} joints", cure, field
+                )
+        pair = ("stiffness_nm_per_rad", "payload_kg")
+        if (given := [name for name in pair if getattr(self, name) is not None]) and len(given) == 1:
+            missing = pair[pair[0] == given[0]]
+            raise refusal("unused-field", f"{given[0]} is read only with {missing}", f"state {missing} too", given[0])
+        if not any(self.up):
+            raise refusal("zero-vector", "up has no direction", "up: [0, 0, 1]", "up")
+        names = [joint.name for joint in self.arm]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise refusal("duplicate-name", f"two joints are called {twice!r}", "names are unique", "dh")
+        return self
+
+    @property
+    def arm(self) -> tuple[Joint, ...]:
+        """Its joints, mm and rad."""
+        return tuple(
+            dh_joint(
+                joint.name or f"J{index + 1}",
+                (joint.a_mm, joint.d_mm),
+                (radians(joint.alpha_deg), radians(joint.theta_deg)),
+                joint.type == "revolute",
+                self.dh_convention == "modified",
+            )
+            for index, joint in enumerate(self.dh)
+        )
+
+
+class OfExecution(Record):
+    """What the execution says of it."""
+
+    robot: Robot | None = Field(
+        default=None,
+        description="The arm that carries the structure from the shots to where the tool is at work, and its errors. "
+        "Absent: it does so exactly.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotEffect(Effect):
+    """Parameters turn the screws of an arm by ``amounts``; they act on a point one after another, the first first."""
+
+    twists: Array  # (S, 6) flange at the imaging pose, of all effects of the arm
+    amounts: Array  # (S, m) of each parameter
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        return (Act(Place.ARM, None, self.amounts, twists=self.twists),)
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((Place.ARM, None),)
+
+
+class Screw(NamedTuple):
+    """One of the screws of the arm: of which pose (0: imaging), and undone there."""
+
+    pose: int
+    error: PlacedError
+
+    @property
+    def sign(self) -> float:
+        return 1.0 if self.pose else -1.0
+
+
+def screws_of(
+    arm: Sequence[Joint], poses: tuple[Sequence[float], Sequence[float]], anew: bool
+) -> tuple[list[Screw], Array]:
+    """The screws that act on a point, in their order, and their twists (S, 6) in the flange at the imaging pose.
+
+    poses: values of the joints, rad and mm, imaging and executing; anew: whether joints have errors that the poses do
+    not share.
+    """
+    (first, flange), (second, _) = (place_errors(arm, values) for values in poses)
+
+    def shared(pair: tuple[PlacedError, PlacedError]) -> bool:
+        return np.array_equal(pair[0].twist, pair[1].twist) and not (anew and pair[0].name == MOTION)
+
+    same = len(list(takewhile(shared, zip(first, second, strict=True))))
+    screws = [*(Screw(1, each) for each in reversed(second[same:])), *(Screw(0, each) for each in first[same:])]
+    twists = np.array([each.error.twist for each in screws]).reshape(-1, 6)
+    return screws, frozen(carry(undo(flange), twists))
+
+
+def _values(arm: Sequence[Joint], stated: Any) -> list[float]:
+    """What a document says of each joint, rad and mm; one number says it of all."""
+    each = stated if isinstance(stated, list) else [stated or 0.0] * len(arm)
+    return [radians(value) if joint.turns else value for joint, value in zip(arm, each, strict=True)]
+
+
+class _Compiled(NamedTuple):
+    arm: tuple[Joint, ...]
+    screws: list[Screw]
+    twists: Array
+    sag: Array  # (2, joints) rad and mm: what the payload turns each joint by, at each pose
+
+
+def _compile_arm(robot: Robot) -> _Compiled:
+    arm = robot.arm
+    poses = _values(arm, robot.joints_imaging_deg), _values(arm, robot.joints_executing_deg)
+    sag = np.zeros((2, len(arm)))
+    if robot.stiffness_nm_per_rad is not None and robot.payload_kg is not None:
+        up = np.array(robot.up) / np.linalg.norm(robot.up)
+        for pose, values in enumerate(poses):
+            errors, flange = place_errors(arm, values)
+            centre = flange[:3, :3] @ np.array(robot.payload_centre_mm) + flange[:3, 3]
+            joints = np.array([each.twist for each in errors if each.name == MOTION])
+            push = -robot.payload_kg * GRAVITY * (up @ move_by(joints, centre))  # N mm, of a slide N
+            per = [1e-3 if joint.turns else 1.0 for joint in arm]
+            sag[pose] = push * per / robot.stiffness_nm_per_rad
+    anew = robot.repeatability_sd_deg is not None or bool(sag.any())
+    screws, twists = screws_of(arm, poses, anew)
+    return _Compiled(arm, screws, twists, sag)
+
+
+def _compile(section: OfExecution, setting: Setting) -> Iterator[Effect]:
+    """An effect for each joint: its zero, its links, and how far it sags at each pose; then the scatter at each."""
+    if (robot := section.robot) is None:
+        return
+    compiled, at = _compile_arm(robot), f"{setting.pointer}/robot"
+    arm, screws, twists, sag = compiled
+    sizes = robot.parameter_sd or ParameterSd()
+    for index, (joint, zero) in enumerate(zip(arm, _values(arm, robot.joint_sd_deg), strict=True)):
+        links = (*joint.leading, *joint.trailing)
+        stated = [(MOTION, "rad" if joint.turns else "mm", zero)]
+        for link in links:
+            turns = bool(link.twist[:3].any())
+            width = radians(sizes.angle_deg) if turns else sizes.length_mm
+            stated.append((link.name, "rad" if turns else "mm", width))
+        parameters = [name for name, _, _ in stated]
+        amounts = np.zeros((len(screws), len(parameters) + 2))
+        for row, screw in enumerate(screws):
+            if screw.error.joint == index:
+                amounts[row, parameters.index(screw.error.name)] = screw.sign
+                if screw.error.name == MOTION:
+                    amounts[row, len(parameters) + screw.pose] = screw.sign
+        ways = np.eye(len(parameters) + 2)
+        sources = gather_sources(
+            [
+                Source(name, "normal", width, 1.0, unit, way)
+                for (name, unit, width), way in zip(stated, ways, strict=False)
+                if width > 0
+            ],
+            len(ways),
+        )
+        known = frozen([*np.zeros(len(parameters)), *sag[:, index]])
+        name, label = f"robot:{joint.name}", f"robot, {joint.name}"
+        yield RobotEffect(name, label, at, robot.drawn, sources, known, twists, frozen(amounts))
+    if robot.repeatability_sd_deg is not None:
+        yield _scatter(compiled, _values(arm, robot.repeatability_sd_deg), at)
+
+
+def _scatter(compiled: _Compiled, widths: Sequence[float], at: str) -> RobotEffect:
+    """What every joint does at each pose anew, standard deviations rad and mm."""
+    arm, screws, twists, _ = compiled
+    stated, amounts = [], np.zeros((len(screws), 2 * len(arm)))
+    for index, (joint, width) in enumerate(zip(arm, widths, strict=True)):
+        for pose, word in enumerate(("imaging", "executing")):
+            way = np.eye(2 * len(arm))[2 * index + pose]
+            stated.append(Source(f"{joint.name}.{word}", "normal", width, 1.0, "rad" if joint.turns else "mm", way))
+    for row, screw in enumerate(screws):
+        if screw.error.name == MOTION:
+            amounts[row, 2 * screw.error.joint + screw.pose] = screw.sign
+    name = "joint_scatter"
+    known = frozen(np.zeros(len(stated)))
+    sources = gather_sources(stated, len(stated))
+    return RobotEffect(name, name.replace("_", " "), at, Drawn.SHOT, sources, known, twists, frozen(amounts))
+
+
+def _not_modelled(system: System) -> str:
+    if not system.effects_at(Place.ARM):
+        return "errors of the robot between the pose of the shots and that of the tool"
+    return "flexibility of the robot's links, and the turn of the tool's axes from the pose of the shots to its own"
+
+
+def _limits(system: System) -> Iterator[Limit]:
+    """First order leaves out half the angle of what an arm's joints turn by together, at twice their deviation."""
+    total = 0.0
+    for effect in system.effects_at(Place.ARM):
+        turns = np.array([unit == "rad" for unit in effect.sources.units], dtype=bool)
+        total += float(((2 * effect.sources.std[turns]) ** 2).sum())
+    yield Proportional("a robot whose joints and links turn by {:.2g} %", total**0.5)
+
+
+KIND = EffectKind(host="execution", section=OfExecution, compile=_compile, not_modelled=_not_modelled, limits=_limits)

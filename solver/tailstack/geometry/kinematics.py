@@ -1,0 +1,126 @@
+"""Arms of joints and links: forward kinematics, and what errors of joints and links do between two poses.
+
+A joint is a fixed transform, its motion about or along an axis, and another fixed transform.  An error at a frame T of
+the arm is a small screw s there: ``T exp(s e)`` in place of T.  Carried to the base, exact errors multiply, in the
+order of the arm: ``F~(q) = E_1 E_2 ... F(q)`` with ``E_k = exp(s_k e_k)``, s_k the screw in the base at the nominal
+pose.
+
+A twist is (w, v): it moves a point x by ``w x x + v``; w has length one (a turn, rad) or is 0 (v then has length one, a
+shift, mm).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .arrays import Array
+
+
+def rigid(rotation: Array, shift_mm: Array) -> Array:
+    """(4, 4)."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rotation, shift_mm
+    return out
+
+
+def screw(twist: Array, amount: float) -> Array:
+    """(4, 4) finite motion by a twist (6,), rad or mm."""
+    w, v = twist[:3], twist[3:]
+    if not w.any():
+        return rigid(np.eye(3), v * amount)
+    k = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    turn = np.eye(3) + np.sin(amount) * k + (1 - np.cos(amount)) * (k @ k)
+    away = np.cross(w, v)  # of its axis from the origin
+    return rigid(turn, away - turn @ away + w * (w @ v) * amount)
+
+
+def carry(transform: Array, twists: Array) -> Array:
+    """Twists (..., 6) in the frame that a rigid transform (4, 4) maps to."""
+    turn, shift = transform[:3, :3], transform[:3, 3]
+    w, v = twists[..., :3] @ turn.T, twists[..., 3:] @ turn.T
+    return np.concatenate([w, v + np.cross(shift, w)], axis=-1)
+
+
+def undo(transform: Array) -> Array:
+    """(4, 4) inverse of a rigid one."""
+    return rigid(transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3])
+
+
+def move_by(twists: Array, point: Any) -> Any:
+    """(3, S) mm: how each of twists (S, 6) moves a point (3,), per unit."""
+    return np.cross(twists[:, :3], point).T + twists[:, 3:].T
+
+
+TWIST = dict(zip(("rx", "ry", "rz", "x", "y", "z"), np.eye(6), strict=True))
+
+
+class LinkParameter(NamedTuple):
+    """A parameter of the arm that may be off: its name, and its twist in the frame where it acts."""
+
+    name: str
+    twist: Array  # (6,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A joint and the links beside it.  In the order of the arm: ``before``, errors of its links ``leading``, its
+    motion, ``after``, errors ``trailing``; of DH parameters, whose screws lie between, see :func:`dh_joint`."""
+
+    name: str
+    twist: Array  # (6,) of its motion, in its frame
+    before: Array  # (4, 4)
+    after: Array  # (4, 4)
+    leading: tuple[LinkParameter, ...] = ()
+    trailing: tuple[LinkParameter, ...] = ()
+
+    @property
+    def turns(self) -> bool:
+        return bool(self.twist[:3].any())
+
+
+def dh_joint(
+    name: str, lengths_mm: tuple[float, float], angles: tuple[float, float], turns: bool, modified: bool
+) -> Joint:
+    """A joint of Denavit-Hartenberg parameters: lengths a and d, mm, angles alpha and theta, rad.
+
+    Standard (Denavit and Hartenberg 1955): ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``; modified (Craig):
+    ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.  What moves adds to theta, or to d where it slides.
+    """
+    (a, d), (alpha, theta) = lengths_mm, angles
+    along_z = screw(TWIST["rz"], theta) @ screw(TWIST["z"], d)
+    along_x = screw(TWIST["x"], a) @ screw(TWIST["rx"], alpha)
+    # screws about one line commute: a and alpha act at the end of x, or before it, and d along z, as theta does
+    of_x = (LinkParameter("a", TWIST["x"]), LinkParameter("alpha", TWIST["rx"]))
+    of_z = LinkParameter("d", TWIST["z"]) if turns else LinkParameter("theta", TWIST["rz"])
+    twist = TWIST["rz" if turns else "z"]
+    if modified:
+        return Joint(name, twist, along_x, along_z, (*of_x, of_z))
+    return Joint(name, twist, np.eye(4), along_z @ along_x, (of_z,), of_x)
+
+
+class PlacedError(NamedTuple):
+    """An error of an arm at a pose: the joint it belongs to, its name there, and its twist (6,) in the base."""
+
+    joint: int
+    name: str
+    twist: Array
+
+
+MOTION = "joint"  # the name of the error of a joint's own motion
+
+
+def place_errors(arm: Sequence[Joint], values: Iterable[float]) -> tuple[list[PlacedError], Array]:
+    """The errors of an arm in the order that they act in, and the pose (4, 4) of its tip in its base; values: of the
+    joints, rad or mm."""
+    frame, errors = np.eye(4), []
+    for index, (joint, value) in enumerate(zip(arm, values, strict=True)):
+        frame = frame @ joint.before
+        errors += [PlacedError(index, link.name, carry(frame, link.twist)) for link in joint.leading]
+        errors.append(PlacedError(index, MOTION, carry(frame, joint.twist)))
+        frame = frame @ screw(joint.twist, value) @ joint.after
+        errors += [PlacedError(index, link.name, carry(frame, link.twist)) for link in joint.trailing]
+    return errors, frame
