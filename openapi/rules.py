@@ -44,7 +44,7 @@ COUNTS = frozenset(
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
-     "confidence", "corridor_major_direction", "coverage_factor", "direction",
+     "confidence", "contrast", "corridor_major_direction", "coverage_factor", "direction",
      "error_rate", "exceedance_probability", "extrapolation",
      "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction",
      "half_width_rel", "highest_ratio", "interval", "kept_fraction", "kkt_residual", "largest_loss_probability",
@@ -52,7 +52,7 @@ RATIOS = frozenset(
      "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "nu_range",
      "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
-     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability",
+     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability", "snr",
      "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up_direction",
      "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
 from .design import Design, compile_design, design_to_data, load_design
+from .design.bead_noise import BeadNoise
 from .design.cameras import detector_distances
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
@@ -838,7 +839,7 @@ def put_numbers(system: System, numbers: Numbers) -> System:
 def find_slot(design: Design, system: System, place: Place) -> Slot | None:
     """Where a number of the document stands in the compiled design; None: it decides more than one number there."""
     match place:
-        case ("fiducials", "points", int(i), "position_mm", int(k)):
+        case ("fiducials", "points", int(i), "position_mm", int(k)) if not _is_noise_derived(design):
             return Slot.of(Coordinate, "fiducials", i, k)
         case ("fiducials", "manufacturing", "half_width_mm", *axis):
             return Slot.of(HalfWidth, "manufacturing", *(axis or (slice(None),)))
@@ -855,6 +856,11 @@ def find_slot(design: Design, system: System, place: Place) -> Slot | None:
         case ("execution", "compliance", "load_half_width_n", *axis):
             return _find_slot_along_axes(system.execution.sources, "load", axis)
     return _find_slot_of_effect(design, system, place)
+
+
+def _is_noise_derived(design: Design) -> bool:
+    """Whether noise follows from where fiducials are: then a place of one decides more than one number."""
+    return any(isinstance(view.fiducial_noise_px, BeadNoise) for view in design.document.views)
 
 
 def _find_slot_of_effect(design: Design, system: System, place: Place) -> Slot | None:

@@ -17,6 +17,7 @@ from ..geometry.camera import (
     scale_to_unit_depth,
 )
 from ..system import View
+from .bead_noise import BeadNoise, bead_noise, describe_noise
 from .document import DistanceView, MatrixView, PinholeView, PresetView
 from .frames import compile_transform
 from .loading import Design
@@ -33,11 +34,16 @@ def seen_by(view: Any) -> tuple[str, ...] | None:
 def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
     projection, size = _projection(view, pointer, fiducials, notes)
+    noise = view.fiducial_noise_px
+    if isinstance(noise, BeadNoise):
+        place = f"{pointer}/fiducial_noise_px"
+        noise, words = describe_noise(view.name, bead_noise(noise, projection, fiducials, find_detector(view), place))
+        notes += [words] if words else []
     prior = view.intrinsics_prior
     return View(
         view.name,
         frozen(projection),
-        view.fiducial_noise_px,
+        noise,
         view.target_noise_px,
         size,
         seen_by(view),

@@ -88,6 +88,7 @@ from ..ranges import (
 from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
+from .bead_noise import BeadNoise
 from .optimise_document import Optimise
 from .pose import Transform
 from .presets import PRESETS
@@ -137,12 +138,21 @@ def _check_noise_shape(rows: Sequence[Sequence[float]], kind: str) -> None:
         raise refusal("out-of-range", detail, f"{cure}{np.sqrt(mean):.4g}", at)
 
 
+def _noise_kind(value: Any) -> str:
+    return "<noise>" if isinstance(value, dict | BeadNoise) else "<number>"
+
+
+NoiseOfBeads = Annotated[
+    Annotated[Pixels, Tag("<number>")] | Annotated[BeadNoise, Tag("<noise>")], Discriminator(_noise_kind)
+]
+
+
 @with_sections("view", sees=None, intrinsics_prior=None, fiducial_noise_shape=None, target_noise_shape=None)
 class _View(Record):
     name: Name = Field(description="What you call this view; unique.", examples=["AP"])
-    fiducial_noise_px: Pixels = Field(
+    fiducial_noise_px: NoiseOfBeads = Field(
         description="Standard deviation of a fiducial's measured image, per coordinate (not per point), px. "
-        "Well-segmented 3 mm beads: 0.05 best, 0.3 typical, 0.5 clinical, 1.0 stress.",
+        "Well-segmented 3 mm beads: 0.05 best, 0.3 typical, 0.5 clinical, 1.0 stress. Or what it follows from.",
         examples=[0.3],
     )
     target_noise_px: Pixels = Field(

@@ -22,12 +22,13 @@ from ..effects.kind import Doubt, PlausibilityTest
 from ..errors import Problem
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
-from ..ranges import DETECTOR_MM, ISOCENTRE_MM, SLIPS, Meant, Number, list_numbers
+from ..ranges import DETECTOR_MM, ISOCENTRE_MM, NOISE_PX, SLIPS, Meant, Number, list_numbers
 from ..results import Finding
 from ..system import ROTATIONS, System
 from ..tables import read_table
 from ..tolerances import Bias
 from ..units import OTHER_LENGTHS
+from .bead_noise import BeadNoise
 from .cameras import find_detector
 from .document import (
     DesignDocument,
@@ -459,7 +460,21 @@ def _doubt_targets_in_beads(subject: Subject) -> Iterator[Doubt]:
             yield Doubt(f"/targets/{index}/position_mm", message, float(away.min()), radius)
 
 
+def _doubt_noise(subject: Subject) -> Iterator[Doubt]:
+    """Noise that follows from physics and is less than anybody measured; a number has its range."""
+    for index, view in enumerate(subject.document.views):
+        if not isinstance(view.fiducial_noise_px, BeadNoise) or subject.system is None:
+            continue
+        noise = subject.system.views[index].fiducial_noise_px
+        if noise < NOISE_PX.least:
+            why, _, _ = NOISE_PX.low.partition(". ")
+            met = f"{view.name}: the noise of beads comes to {noise:.2g} px"
+            message = f"{met}: {why}. Say in other_px what is missing."
+            yield Doubt(f"/views/{index}/fiducial_noise_px", message, noise, NOISE_PX.least)
+
+
 _FINDERS: dict[str, Callable[[Subject], Iterator[Doubt]]] = {  # of the rules that look at several numbers
+    "noise-too-small": _doubt_noise,
     "structure-size": _doubt_structure_size,
     "source-distance": _doubt_source_distances,
     "detector-width": _doubt_detector_widths,

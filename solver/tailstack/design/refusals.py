@@ -13,13 +13,16 @@ from pydantic.fields import FieldInfo
 from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
+from .bead_noise import BeadNoise
 from .document import VIEW_KINDS, DesignDocument
 from .optimise_document import FREE_VIEW_KINDS
 from .pose import Pose
 from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 
-_TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
+_TAGS: dict[str, type[BaseModel] | None] = {
+    **VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None, "<noise>": BeadNoise, "<number>": None,
+}  # fmt: skip
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",
