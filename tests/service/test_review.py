@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ def test_reports_list_it_as_text_and_an_audit_computes_them_again(body: bytes) -
 
 
 def test_a_design_is_compared_with_a_version_of_it_by_name(call: Any, refused: Any, tmp_path: Path) -> None:
-    """independent: the same as two files."""
+    """The same as two files, but called by name."""
     design, old, out = tmp_path / "new.yaml", tmp_path / "old.yaml", tmp_path / "out.json"
     design.write_text(design_to_yaml(load_design(FULL)), "utf-8")
     old.write_text(yaml.safe_dump(OLD), "utf-8")
@@ -128,7 +129,18 @@ def test_a_design_is_compared_with_a_version_of_it_by_name(call: Any, refused: A
     assert (code, named["schema"]) == (1, "tailstack/comparison/1")
     assert [change["pointer"] for change in named["changes"]] == ["/views/0/fiducial_noise_px"]
     call("report", old, design, "--parts", "score", "-o", out)
-    assert json.loads(out.read_bytes()) == named
+    plain = json.loads(out.read_bytes())
+    assert (named["names"], plain["names"]) == (["A", "now"], None)
+    assert {key for key in named if named[key] != plain[key]} == {"names", "title", "headline"}
+    assert named["title"].endswith(": A against now")
+    told = " ".join([named["headline"]["sentence"], *named["headline"]["matters"]])
+    assert " with now" in told
+    assert " in A and " in told
+    html = render("comparison", to_json(named), "html")
+    assert re.search(rb"(first|second) design\b(?!s)", html, re.IGNORECASE) is None
+    assert audit(html, "x", fast=True).verdict == "verified"
+    strange = render("comparison", json.dumps({**named, "names": HOSTILE[:2]}).encode(), "html")
+    assert b"<script>alert" not in strange
     assert "it keeps A, gone" in refused("report", design, "--against", "B")
     assert "it keeps none" in refused("report", old, "--against", "B")
     assert "is no design" in refused("report", design, "--against", "gone")

@@ -317,6 +317,8 @@ def test_a_review_keeps_versions_and_comments_in_the_design_and_hands_over_paper
     assert found["kept"] == ["now", "close as the shop asked"]
     assert found["both"] == ["now", "close as the shop asked", "A"]
     assert (found["budgets"] > 3, found["dots"], found["one"], found["again"]) == (True, 2, 1, 0)  # and no score anew
+    assert sorted(found["pins"]["rows"]) == sorted([[hostile, "F3"], ["hold 0.05", "rx"]])
+    assert (found["pins"]["pictures"], found["pins"]["led"], found["pins"]["left"]) == (["F3"] * 5, 1, 0)
     assert len(found["comments"]) == 2
     assert f"{hostile}!" in found["comments"][0]
     assert "resolved" in found["comments"][1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -202,13 +203,15 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
     from ..report.comparing import compute_comparison
 
     designs = [_as_design(source, name) for source, name in zip(given, arguments.sources, strict=True)]
+    options = _options(arguments)
     if arguments.against is not None:
         if len(designs) > 1:
             _refuse("too-many", "--against names a version of one design", "give one design, or leave it out")
         designs.insert(0, _version_of(designs[0], arguments.against, arguments.sources[0]))
+        options = replace(options, names=(arguments.against, "now"))
     _no_options(arguments, ("profile",), "two designs are compared without it", "report each by itself")
     with Progress("report") as progress:
-        return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
+        return compute_comparison(designs[0], designs[1], options, progress=progress.report)
 
 
 def _as_design(given: ReadResult | bytes | Path, file: str) -> Design:

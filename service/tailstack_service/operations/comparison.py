@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..settings import Settings
     from .request import Request
 
+Name = Annotated[str, Field(min_length=1, max_length=80)]
 SIDES = {"first": "The design that is compared with.", "second": "The design whose changes are looked at."}
 
 
@@ -29,6 +30,9 @@ class ComparisonOptions(CheckOptions):
 
     parts: Annotated[list[Literal["score", "verification"]], Field(min_length=1, max_length=2)] = Field(
         ["score", "verification"], description="What is computed of both; score alone: to first order."
+    )
+    names: Annotated[list[Name], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="What to call the two, such as versions of one design; null: the first and the second."
     )
 
 
@@ -72,7 +76,7 @@ def _repeat(again: Repetition) -> Again:
     from ..report.comparing import compare, compute_comparison
 
     record: Comparison = again.record
-    options, (first, second) = parts_of(record.first), again.designs
+    options, (first, second) = replace(parts_of(record.first), names=record.names), again.designs
     if not again.fast:
         return Again(compute_comparison(first, second, options, progress=again.progress))
     pair = ((first, record.first), (second, record.second))

@@ -46,6 +46,7 @@ class ReportContents:
     max_trials: int = MAX_TRIALS
     starts: int | None = None  # of the optimiser; None: as many as the design says
     profile: Profile | None = None  # chapter for a field of work
+    names: tuple[str, str] | None = None  # what two designs that are compared are called
 
 
 def compute_report(design: Design, options: ReportContents, *, progress: Progress | None = None) -> Report:
@@ -191,4 +192,5 @@ def options_of(request: dict[str, Any]) -> ReportContents:
         max_trials=request.get("max_trials") or MAX_TRIALS,
         starts=request.get("starts"),
         profile=request.get("profile"),
+        names=None if request.get("names") is None else (request["names"][0], request["names"][1]),
     )

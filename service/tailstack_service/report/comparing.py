@@ -33,6 +33,7 @@ CONFIDENCE = 0.95
 SAME = 1e-12  # mm: what differs by less is the same
 PARTS = ("score", "verification")
 Pair = tuple[Verification, Verification]
+Names = tuple[str, str] | None
 
 
 def compute_comparison(
@@ -98,8 +99,8 @@ def compare(first: Report, second: Report, options: ReportContents) -> Compariso
     changes, left_out = changes_of(first.design, second.design)
     return Comparison(
         schema="tailstack/comparison/1",
-        title=f"{second.title} against {first.title}" if first.title != second.title else first.title,
-        headline=_headline(first, second, differences),
+        title=_title(first.title, second.title, options.names),
+        headline=_headline(first, second, differences, options.names),
         differences=differences,
         compared_trials=count or None,
         sections=SECTIONS if count else None,
@@ -109,7 +110,13 @@ def compare(first: Report, second: Report, options: ReportContents) -> Compariso
         changes_left_out=left_out,
         first=_told_apart(first, options, "first"),
         second=_told_apart(second, options, "second"),
+        names=options.names,
     )
+
+
+def _title(first: str, second: str, names: Names) -> str:
+    title = second if first == second else f"{second} against {first}"
+    return f"{title}: {names[0]} against {names[1]}" if names else title
 
 
 def _list_common_targets(names: list[list[str]]) -> list[str]:
@@ -187,18 +194,20 @@ def _checked_p95(report: Report, name: str) -> float:
     return next(target.p95_mm for target in report.verification.targets if target.name == name)
 
 
-def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:
+def _headline(first: Report, second: Report, differences: tuple[Difference, ...], names: Names) -> ComparisonHeadline:
     """What the second design comes to, named, then what sets it apart from the first."""
     shown = decided_difference(second, differences)
+    called = names or ("the first design", "the second design")
+    told = [words if names else words.capitalize() for words in called]
     judged, difference = (
-        _describe_verdict("The second design", second),
-        difference_sentence(shown, comparison_decimals(first, second)),
+        _describe_verdict(told[1], second),
+        difference_sentence(shown, comparison_decimals(first, second), called[1]),
     )
-    also = [judged_first] if (judged_first := _describe_verdict("The first design", first)) else []
+    also = [judged_first] if (judged_first := _describe_verdict(told[0], first)) else []
     return ComparisonHeadline(
         status=second.headline.status,
         sentence=f"{judged} {difference}".strip(),
-        matters=tuple([*also, *_budget(first, second, shown.target)][:3]),
+        matters=tuple([*also, *_budget(first, second, shown.target, names)][:3]),
     )
 
 
@@ -219,8 +228,8 @@ def _describe_verdict(which: str, report: Report) -> str:
     return f"{sentence} It also {more}." if more else sentence
 
 
-def difference_sentence(difference: Difference, decimals: int) -> str:
-    """The difference at one target in words; decimals: of P95."""
+def difference_sentence(difference: Difference, decimals: int, second: str = "the second design") -> str:
+    """The difference at one target in words; decimals: of P95; second: what the second design is called."""
     fine = difference_decimals(difference, decimals)
     share = (
         f" ({in_percent(abs(difference.difference_mm) / difference.first_p95_mm, 1)})"
@@ -232,15 +241,15 @@ def difference_sentence(difference: Difference, decimals: int) -> str:
     size = f"{abs(difference.difference_mm):.{fine}f} mm{share}"
     if difference.interval_mm is None or difference.confidence is None:
         word = "smaller" if difference.difference_mm < 0 else "larger"
-        return f"By estimate, P95 at {difference.target} is {size} {word} with the second design{ends}."
+        return f"By estimate, P95 at {difference.target} is {size} {word} with {second}{ends}."
     low, high = difference.interval_mm
     within = f"({in_percent(difference.confidence)} interval {low:+.{fine}f} to {high:+.{fine}f} mm)".replace("-", "−")
     if difference.conclusion == "not decided":
         return f"No difference of P95 at {difference.target} is shown {within}{ends}."
-    return f"P95 at {difference.target} is {size} {difference.conclusion} with the second design {within}{ends}."
+    return f"P95 at {difference.target} is {size} {difference.conclusion} with {second} {within}{ends}."
 
 
-def _budget(first: Report, second: Report, target: str) -> list[str]:
+def _budget(first: Report, second: Report, target: str, names: Names) -> list[str]:
     """The contributor whose variance changed most."""
     before, after = (_variances(report, target) for report in (first, second))
     moved = {name: after.get(name, 0.0) - before.get(name, 0.0) for name in {**before, **after}}
@@ -253,9 +262,10 @@ def _budget(first: Report, second: Report, target: str) -> list[str]:
     label = _label(second, name) or _label(first, name)
     was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
     decimals = comparison_decimals(first, second)
+    told = names or ("the first", "the second design")
     return [
-        f"What changed most is {label}: {way} spread at {target}, {length(was, decimals)} mm in the first and "
-        f"{length(now, decimals)} mm in the second design (standard deviation, estimate)."
+        f"What changed most is {label}: {way} spread at {target}, {length(was, decimals)} mm in {told[0]} and "
+        f"{length(now, decimals)} mm in {told[1]} (standard deviation, estimate)."
     ]
 
 

@@ -252,3 +252,5 @@ class Comparison(Published):
     """Report of the first design."""
     second: Report
     """Report of the second design."""
+    names: tuple[str, str] | None = None
+    """What both are called, such as versions of one design; null: the first and the second."""

@@ -15,6 +15,7 @@ import { Form } from "./parts/Form";
 import { Levers } from "./parts/Levers";
 import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
+import { shownComment } from "./parts/Pin";
 import { PlaceSwitches } from "./parts/Places";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
@@ -139,7 +140,7 @@ function Workbench() {
           {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Versions"><Versions /></Part>
-          <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={unsettled.value > 0}><Comments /></Part>
+          <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={shownComment.value ?? unsettled.value > 0}><Comments /></Part>
           <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
           <Part title="As text" summoned={shownPointer.value !== null}><Editor /></Part>
@@ -200,10 +201,10 @@ const unsettled = computed(() => comments.value.filter((comment) => !comment?.re
 const arranging = signal(false);
 const ArrangeSwitch = () => <button type="button" class="small" aria-pressed={arranging.value} onClick={() => (arranging.value = !arranging.value)}>{chosenBeads.value.length > 1 ? `Arrange ${chosenBeads.value.length}` : "Arrange"}</button>;
 
-function Part({ title, open: begin = false, summoned = false, paper = false, children }: { title: string; open?: boolean; summoned?: boolean; paper?: boolean; children: preact.ComponentChildren }) {
+function Part({ title, open: begin = false, summoned = false, paper = false, children }: { title: string; open?: boolean; summoned?: boolean | number; paper?: boolean; children: preact.ComponentChildren }) {
   const [isOpen, setOpen] = useState(begin);
   useEffect(() => {
-    if (summoned) setOpen(true);
+    if (summoned !== false) setOpen(true);
   }, [summoned]);
   return (
     <details class={paper ? "part paper" : "part"} open={isOpen} onToggle={(event) => setOpen(event.currentTarget.open)}>

@@ -425,7 +425,12 @@ scenarios.review = async () => {
     await form.getByLabel("Comment", { exact: true }).fill(text);
     await form.getByRole("button", { name: "Comment" }).click();
   }
+  const pins = { rows: await page.locator("button.pin").evaluateAll((all) => all.map((one) => [one.title, one.closest("tr").querySelector("th").firstChild.textContent])), pictures: await page.locator("path.pin").evaluateAll((all) => all.map((one) => one.parentNode.dataset.bead)) };
+  await page.locator("button.pin", { hasText: "1" }).nth(1).click();
+  await drawn(page);
+  pins.led = await said.evaluateAll((all) => all.findIndex((one) => one.contains(document.activeElement)));
   await said.nth(1).getByRole("button", { name: "resolve" }).click();
+  pins.left = await page.locator(".budget button.pin").count();
   await said.nth(0).getByRole("button", { name: "edit" }).click();
   await form.getByLabel("Comment", { exact: true }).fill(`${asked.hostile}!`);
   await form.getByRole("button", { name: "Change it" }).click();
@@ -439,7 +444,7 @@ scenarios.review = async () => {
   const sheets = {};
   for (const form of ["PDF", "CSV"]) sheets[form] = await saved(() => page.getByRole("button", { name: `Sheet for the supplier as ${form}` }).click());
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
-  return { first, moved, undone, kept, both, budgets, dots, pdf, one, comments, again, found, yaml, sheets, hacked: await page.evaluate(() => window.hacked ?? null), sha: await sha(page) };
+  return { first, moved, undone, kept, both, budgets, dots, pdf, pins, one, comments, again, found, yaml, sheets, hacked: await page.evaluate(() => window.hacked ?? null), sha: await sha(page) };
 };
 
 // A bead is taken out, and brought back

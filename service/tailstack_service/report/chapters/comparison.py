@@ -35,14 +35,28 @@ from .tables import closing_sections
 if TYPE_CHECKING:
     from ..records import Comparison, Difference, Report
 
-TOLD = ("First", "Second")
+COLUMNS = ("First", "Second")
 DESIGNS = ("first design", "second design")
+
+
+def _called(comparison: Comparison) -> tuple[str, str]:
+    """What each is called within a sentence."""
+    return comparison.names or DESIGNS
+
+
+def _the(called: str) -> str:
+    return f"the {called}" if called in DESIGNS else called
+
+
+def _begin(words: str) -> str:
+    """Where a sentence begins with it; names stay as they were given."""
+    return words[:1].upper() + words[1:] if words.endswith(DESIGNS) else words
 
 
 def comparison_document(comparison: Comparison, sha256: str) -> Document:
     """What sets two designs apart, then each by itself as far as the comparison rests on it."""
     first, second = comparison.first, comparison.second
-    reports = tuple(zip(TOLD, (first, second), strict=True))
+    reports = tuple(zip(_called(comparison), (first, second), strict=True))
     sections = [
         Section("The difference", _difference_blocks(comparison)),
         Section("What changed in the document", _change_blocks(comparison)),
@@ -54,13 +68,13 @@ def comparison_document(comparison: Comparison, sha256: str) -> Document:
         *closing_sections(second.provenance, *_reproduction(second), design=second.design),
     ]
     for which, report in reports:
-        listing = design_listing(report.design, f"{which} design, as YAML")
-        sections.append(Section(f"The {which.lower()} design", (listing,), reader="auditor"))
+        listing = design_listing(report.design, f"{_begin(which)}, as YAML")
+        sections.append(Section(_begin(_the(which)), (listing,), reader="auditor"))
     return Document(
         kind="Comparison of two designs",
         title=comparison.title,
         tone=tone_of(comparison.headline.status),
-        status=f"second: {comparison.headline.status}",
+        status=f"{comparison.names[1] if comparison.names else 'second'}: {comparison.headline.status}",
         sentence=comparison.headline.sentence,
         numbers=_numbers(comparison),
         matters=comparison.headline.matters,
@@ -77,11 +91,11 @@ def _numbers(comparison: Comparison) -> tuple[KeyNumber, ...]:
     decimals = comparison_decimals(comparison.first, comparison.second)
     quantiles = [
         KeyNumber(
-            f"P95, {which.lower()} design",
+            f"P95, {which}",
             f"{length(value, decimals)} mm",
             f"target {worst.target}, {name_basis(worst.basis)}",
         )
-        for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)
+        for which, value in zip(_called(comparison), (worst.first_p95_mm, worst.second_p95_mm), strict=True)
     ]
     fine = difference_decimals(worst, decimals)
     size = f"{_with_sign(worst.difference_mm, fine)} mm"
@@ -105,14 +119,14 @@ def _scales(comparison: Comparison) -> Iterator[Figure]:
     drawn = [_at(report, worst.target) for report in (comparison.first, comparison.second)]
     decimals = comparison_decimals(comparison.first, comparison.second)
     reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
-    for which, (target, limit) in zip(TOLD, drawn, strict=True):
-        name = f"headline-{which.lower()}"
+    for place, which, (target, limit) in zip(COLUMNS, _called(comparison), drawn, strict=True):
+        name = f"headline-{place.lower()}"
         beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
         shown = Scaled(worst.target, target.p95_mm, ends, limit, beside, decimals=decimals, reach_mm=reach)
         svg = draw_scale(shown, name)
         bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "by estimate"
-        yield Figure(name, svg, f"{which} design. Size of the error at the tool, target {worst.target}: {bar}.")
+        yield Figure(name, svg, f"{_begin(which)}. Size of the error at the tool, target {worst.target}: {bar}.")
 
 
 def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float | None]:
@@ -134,14 +148,15 @@ def _upper(target: TargetScore | TargetEstimate) -> float:
 
 def _requirements(comparison: Comparison) -> Table | None:
     """Each requirement of both designs, at the target that decides it; what the second fails first."""
+    names = comparison.names or COLUMNS
     judged = [
         (which, check, count)
-        for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True)
+        for which, report in zip(names, (comparison.first, comparison.second), strict=True)
         for check, count in decided_by((report.verification or report.score).verdict.checks)
     ]
     if not judged:
         return None
-    places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == TOLD[1]}
+    places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == names[1]}
     judged.sort(key=lambda entry: places.get(entry[1].requirement, len(judged)))
     columns = (
         Column("Design", of=lambda row: row[0]),
@@ -167,6 +182,7 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
     ]  # fmt: skip
     decimals = comparison_decimals(comparison.first, comparison.second)
     fine = max(difference_decimals(entry, decimals) for entry in comparison.differences)
+    columns = comparison.names or COLUMNS
     note = "P95 of the TCP error, second minus first: negative is better."
     if comparison.compared_trials is not None:
         note += (
@@ -178,17 +194,18 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
             "Differences",
             "P95 at the targets that both designs have",
             (
-                Column("Target"), Column("First", "mm", "fixed", decimals), Column("Second", "mm", "fixed", decimals),
+                Column("Target"), *(Column(name, "mm", "fixed", decimals) for name in columns),
                 Column("Difference", "mm", "fixed", fine), Column("From", "mm", "fixed", fine),
-                Column("To", "mm", "fixed", fine), Column("Of the first", "%", "percent", 1), Column("Second is"),
+                Column("To", "mm", "fixed", fine), Column("Of the first", "%", "percent", 1),
+                Column(f"{columns[1]} is"),
             ),
             tuple(rows),
             note,
         )
     ]  # fmt: skip
     alone = [
-        f"Only the {which} design has {', '.join(names)}."
-        for which, names in (("first", comparison.only_first), ("second", comparison.only_second))
+        f"Only {_the(which)} has {', '.join(names)}."
+        for which, names in zip(_called(comparison), (comparison.only_first, comparison.only_second), strict=True)
         if names
     ]
     shared = {target.name for target in comparison.first.score.targets} & {
@@ -202,8 +219,8 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
 def _shots(comparison: Comparison) -> Iterator[Figure]:
     """Fifty shots of what decides each design on one scale; on two where their units differ."""
     both = [
-        (f"{which} design, {shots.of}: {say_misses(shots)}", shots)
-        for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True)
+        (f"{_begin(which)}, {shots.of}: {say_misses(shots)}", shots)
+        for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True)
         if (shots := report.score.fifty_shots) is not None
     ]
     for k, unit in enumerate(dict.fromkeys(shots.unit for _, shots in both)):
@@ -222,7 +239,8 @@ def _errors(comparison: Comparison) -> Iterator[Figure]:
             name = f"errors-{k + 1}"
             svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
-                limits[entry.target], DESIGNS, name, comparison_decimals(comparison.first, comparison.second),
+                limits[entry.target], _called(comparison), name,
+                comparison_decimals(comparison.first, comparison.second),
             )  # fmt: skip
             yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
 
@@ -235,7 +253,7 @@ def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
         for entry in comparison.changes
     ]
     columns = (
-        Column("Field"), Column("Unit"), Column("First"), Column("Second"), Column("What"),
+        Column("Field"), Column("Unit"), *map(Column, comparison.names or COLUMNS), Column("What"),
         Column("Pointer", on=On.SHEET),
     )  # fmt: skip
     note = "Elements of lists are told by their names or labels. Defaults that were not written out are compared too."
@@ -257,8 +275,8 @@ def _show_value(value: str | None) -> Cell:
 def _layouts(comparison: Comparison) -> tuple[Block, ...]:
     first, second = comparison.first, comparison.second
     return layout_blocks(
-        (second.design, second.score), f"{second.title}: second design over the first", "layout",
-        (first.design, first.score), "first design",
+        (second.design, second.score), f"{second.title}: {' over '.join(reversed(_called(comparison)))}", "layout",
+        (first.design, first.score), _called(comparison)[0],
     )  # fmt: skip
 
 
@@ -270,7 +288,7 @@ def _budgets(comparison: Comparison) -> Iterator[Block]:
             for report in (comparison.first, comparison.second)
         )
         name = f"budgets-{k + 1}"
-        svg = draw_budgets(a, b, DESIGNS, name, decimals)
+        svg = draw_budgets(a, b, _called(comparison), name, decimals)
         yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
         yield _budget_table(comparison.first.score, comparison.second.score, difference.target, k, decimals)
 
@@ -289,7 +307,7 @@ def _curves(comparison: Comparison, target: str) -> Iterator[Figure]:
             second,
             "tolerances",
             first,
-            (DESIGNS[1], DESIGNS[0]),
+            (_called(comparison)[1], _called(comparison)[0]),
             comparison_decimals(comparison.first, comparison.second),
         )
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
@@ -332,16 +350,12 @@ def _budget_table(first: Score, second: Score, target: str, place: int, decimals
 
 def _verdict_blocks(comparison: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
-    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
+    for place, which, report in zip(COLUMNS, _called(comparison), (comparison.first, comparison.second), strict=True):
         verdict = (report.verification or report.score).verdict
         if verdict.checks:
-            blocks.append(checks_table(verdict, name=f"Checks, {which.lower()}", of=f" of the {which.lower()} design"))
+            blocks.append(checks_table(verdict, name=f"Checks, {place.lower()}", of=f" of {_the(which)}"))
         if verdict.findings:
-            blocks.append(
-                findings_table(
-                    verdict.findings, name=f"Findings, {which.lower()}", of=f" on the {which.lower()} design"
-                )
-            )
+            blocks.append(findings_table(verdict.findings, name=f"Findings, {place.lower()}", of=f" on {_the(which)}"))
     return tuple(blocks) or (Paragraph("Neither design states a requirement, and nothing was found."),)
 
 
@@ -357,8 +371,8 @@ def _method(comparison: Comparison) -> tuple[Block, ...]:
     elif comparison.first.verification is not None:
         paired = "Too few trials were drawn for an interval of the difference: differences are to first order."
     blocks: list[Block] = [Bullets((paired,))]
-    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
-        blocks.append(Paragraph(f"{which} design:"))
+    for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True):
+        blocks.append(Paragraph(f"{_begin(which)}:"))
         blocks += method_chapter(report)
     return tuple(blocks)
 
@@ -389,9 +403,9 @@ def _reproduction(second: Report) -> tuple[Block, ...]:
 
 def _provenance(comparison: Comparison, sha256: str) -> Facts:
     pairs = []
-    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
-        pairs.append((f"{which} design", report.title))
-        pairs.append((f"SHA-256 of the {which.lower()} design", report.provenance.design_sha256 or "not known"))
+    for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True):
+        pairs.append((_begin(which), report.title))
+        pairs.append((f"SHA-256 of {_the(which)}", report.provenance.design_sha256 or "not known"))
     made = comparison.second
     seed = [] if made.reproduction.seed is None else [("Seed of both", str(made.reproduction.seed))]
     return Facts(

@@ -15,6 +15,7 @@ import { NumberField, UNIT } from "./Controls";
 import { crossingOf, Curve, drawn } from "./Curve";
 import { stepsOf } from "./grip";
 import { Lock } from "./Limit";
+import { Pin } from "./Pin";
 import { Problems } from "./Problems";
 import { Term } from "./Words";
 
@@ -217,7 +218,7 @@ function Entry({ row: { name, line, slide }, parts, target, share, slack, fold, 
   const stated = slide ? <Slider slide={slide} stop={slack?.value ?? null} /> : line?.half_width != null && `${brief(line.half_width)} ${unit(line.unit)}`;
   return (
     <tr class={`${below ? "below" : ""}${slide ? " slide" : ""}`}>
-      <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}{level && !below && <span class="drawn" title="how often it takes a new value">{` per ${level}`}</span>}</th>
+      <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}{line && <Pin contributor={line.name} component={line.component === "all" ? undefined : line.component} />}{level && !below && <span class="drawn" title="how often it takes a new value">{` per ${level}`}</span>}</th>
       {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{slack.words}{slide && slack.value !== null && slack.value !== valueAt(design.value, slide.path) && <>{" "}<button type="button" class="small" onClick={() => edit([{ path: slide.path, value: slack.value }], `${slide.label} to its limit`)}>take it</button></>}</span>}</td>}
       <td class="number share">
         {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}

@@ -4,6 +4,7 @@ import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { adding, type Bead, beads, toggle } from "../beads";
 import { design, edit, type Json, type Path, picked, pointed, selected, valueAt } from "../state";
 import { readNumber } from "../words";
+import { Pin } from "./Pin";
 
 /** Show a value in a field, unless something else is just being typed there. */
 export function showValue(field: HTMLInputElement | null, value: Json): void {
@@ -75,7 +76,7 @@ export function Beads() {
             {known.map((bead) => (
               <tr key={bead.index} class={`${picked.value.includes(bead.label) ? "chosen" : ""}${bead.label === pointed.value ? " over" : ""}`} onClick={(event) => (event.shiftKey || adding.value ? toggle(bead.label) : (selected.value = bead.label))}
                 onPointerEnter={() => (pointed.value = bead.label)} onPointerLeave={() => (pointed.value = null)} onFocusIn={() => (pointed.value = bead.label)} onFocusOut={() => (pointed.value = null)}>
-                <th>{bead.label}</th>
+                <th>{bead.label}<Pin bead={bead.label} /></th>
                 {["x", "y", "z"].map((axis, k) => (
                   <td key={axis}><NumberField path={["fiducials", "points", bead.index, "position_mm", k]} label={`${bead.label} ${axis}`} unit="mm" what={`Move ${bead.label}`} hidden /></td>
                 ))}

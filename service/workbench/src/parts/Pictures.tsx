@@ -9,6 +9,7 @@ import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened,
 import { brief } from "../words";
 import { NUDGE } from "./grip";
 import { hinted } from "./Minute";
+import { saidOf } from "./Pin";
 import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
 import { Remarks } from "./Problems";
 
@@ -260,7 +261,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
           zoom(Math.exp(-Math.min(Math.max(event.deltaY * (event.deltaMode === 1 ? 16 : 1), -120), 120) / 400), place(event));
         }}
       >
-        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${worthOf(over.bead.label)}${wrong.value.has(over.bead.label) ? `; ${wrong.value.get(over.bead.label)}` : ""}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
+        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${worthOf(over.bead.label)}${saidOf(over.bead.label).map(({ text }) => `; said: ${text}`).join("")}${wrong.value.has(over.bead.label) ? `; ${wrong.value.get(over.bead.label)}` : ""}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
         <rect class="ground" x={left} y={top} width={width} height={height} />
         {plane.frame && <rect class="detector" x={plane.frame[0]} y={plane.frame[1]} width={plane.frame[2]} height={plane.frame[3]} />}
         {plane.frame && plane.margin ? (
@@ -296,6 +297,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
             <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${bad ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
               <circle class="reach" cx={x} cy={y} r={REACH * scale} />
               {hinted.value === bead.label && <circle class="hint" cx={x} cy={y} r={11 * scale} />}
+              {saidOf(bead.label).length > 0 && <path class="pin" d={`M${x + 3 * scale} ${y - 3 * scale}v${-9 * scale}h${11 * scale}v${7 * scale}h${-8 * scale}z`} />}
               <circle class="mark" cx={x} cy={y} r={4.5 * scale} style={heat === null || bad ? undefined : { fill: `color-mix(in oklab, var(--heat) ${Math.round(100 * heat)}%, var(--bead))` }} />
               {named && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>

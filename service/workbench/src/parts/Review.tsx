@@ -1,7 +1,7 @@
 // What a review leaves in the design: versions of it by name, two of them on one scale, and comments.
 
 import { signal } from "@preact/signals";
-import { useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { answer, current, placeInWords, type Score, send } from "../api";
 import { runs, start, unfinished } from "../jobs";
 import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf, spread } from "../readings";
@@ -9,6 +9,7 @@ import { comments, contentOf, design, differences, type Json, keepVersion, now a
 import { changed, mm, stated, VERDICTS } from "../words";
 import { Dots, isDrawn } from "./Dots";
 import { beads, ghost } from "./Pictures";
+import { shownComment } from "./Pin";
 import { fileName, Reports, saveAnswer } from "./Reports";
 
 // --- versions ---------------------------------------------------------------------------------------------------------------
@@ -89,7 +90,7 @@ function Pair({ first, second, now }: { first: Version; second: Version | undefi
   const content = contentOf(second?.text ?? text.value), run = runs.value.find((each) => each.title === title && each.report && contentOf(each.text) === content), told = [first.text, second?.text ?? ""].join();
   const [made, make] = useState<{ of: string; path: string } | null>(null), [busy, wait] = useState(false);
   if (!rows.length) return <p>{`${names[1]} is the same design as ${names[0]}.`}</p>;
-  const request = { first: before, second: after };
+  const request = { first: before, second: after, names };
   const report = async () => {
     wait(true);
     say("Both designs are being scored.");
@@ -176,6 +177,12 @@ const pinOf = ({ bead, contributor, component }: Json): Json => (bead !== undefi
 const pinWords = ({ bead, contributor, component }: Json) => (bead !== undefined ? `bead ${bead}` : contributor !== undefined ? [contributor, component].filter(Boolean).join(" ") : "the design");
 
 export function Comments() {
+  const list = useRef<HTMLOListElement>(null), wanted = shownComment.value;
+  useEffect(() => {
+    if (wanted === null) return;
+    list.current?.children[wanted]?.querySelector("button")?.focus(); // which brings it into sight
+    shownComment.value = null;
+  }, [wanted]);
   const [edited, editing] = useState<number | null>(null), all = comments.value, comment = edited === null ? null : all[edited];
   const lines = (answer.value?.score.targets[0]?.contributors ?? []).filter(({ law }) => law !== "known").map(({ name, component }) => ({ contributor: name, ...(component !== "all" && { component }) }));
   const pins: Json[] = [{}, ...beads.value.map(({ label }) => ({ bead: label })), ...lines], key = (pin: Json) => JSON.stringify(pinOf(pin));
@@ -195,7 +202,7 @@ export function Comments() {
   return (
     <>
       {all.length > 0 && (
-        <ol class="comments" aria-label="Comments">
+        <ol class="comments" aria-label="Comments" ref={list}>
           {all.map((each, k) => (
             <li key={k} class={each.resolved ? "resolved" : ""}>
               <p class="head"><strong>{pinWords(each)}</strong> <span class="note">{[each.author, each.date?.replace("T", " ").replace("Z", " UTC"), each.resolved && "resolved"].filter(Boolean).join(", ")}</span></p>
