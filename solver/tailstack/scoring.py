@@ -175,7 +175,8 @@ def score_errors(design: Design) -> Errors:
     chain = chain_of(system)
     models = linearise_all(chain)
     search = LossSearch(chain, models) if system.loss_probability else None
-    metrics = {key: _metric(error) for key, error in _score_metrics(system, models, search).items()}
+    drawn = {(name, error) for name in models for error in ("tcp", "localisation")}  # others have other dimensions
+    metrics = {key: _metric(error) for key, error in _score_metrics(system, models, search).items() if key in drawn}
     return Errors(
         tuple(
             TargetErrors(**_fields(metrics[name, "tcp"]), name=name, localisation=metrics[name, "localisation"])

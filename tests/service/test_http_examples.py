@@ -157,7 +157,7 @@ def test_over_http_it_is_the_same():
     assert answer.json()["scene"]["items"]
 
 
-@pytest.mark.parametrize("name", ["demo.yaml", "gallery/third_view.yaml"])
+@pytest.mark.parametrize("name", ["demo.yaml", "gallery/third_view.yaml", "pedicle_screw.yaml", "mean_and_tail.yaml"])
 def test_the_errors_in_space_are_those_of_the_score(name):
     """To the last digit, though the layout leaves out most of what a score computes."""
     design = load_design(ROOT / "examples" / name)

@@ -16,7 +16,12 @@ import pytest
 import yaml
 from browsing import DEMO, browser, used
 from page_in_node import call_page
+from scipy.stats import binom
 from served import Served, served
+from service_scenes import EXAMPLES
+
+from tailstack import load_design, score
+from tailstack_service.operations.layout import lay_out
 
 __all__ = ["browser"]
 
@@ -195,3 +200,45 @@ def test_a_bead_is_taken_in_space_by_keys_on_a_phone(service: Served) -> None:
     assert found["turns"] is True  # once it is let go
     assert found["wide"] == 0
     assert found["axe"] == []
+
+
+@pytest.mark.long
+def test_the_corridor_is_drawn_round_its_trajectory_with_fifty_ends_and_degrees_stand_beside_millimetres(
+    service: Served,
+) -> None:
+    """`independent` of the page's projection: distances from the planned axis by cross products.  The share of axes
+    that leave the corridor is within what fifty draws of the exact law may show, with an error rate of 1e-4; the draws
+    are always the same."""
+    text = (EXAMPLES / "pedicle_screw.yaml").read_text(encoding="utf-8")
+    design = load_design(text)
+    found = used(service.url, "trajectory", text, script="space.mjs")
+    scene = lay_out(design, scene=True).scene
+    assert scene is not None
+    begin, end = (np.array(next(t for t in design.source.data["targets"] if t["name"] == name)["position_mm"])
+                  for name in ("entry", "tip"))  # fmt: skip
+    along = (end - begin) / np.linalg.norm(end - begin)
+    axes = np.array([item["points"] for item in scene["items"] if item["look"] == "executed"])
+    away = np.stack([np.linalg.norm(np.cross(axes[:, k] - at, along), axis=1) for k, at in ((0, begin), (1, end))])
+    away /= scene["magnification"]
+    assert away.shape == (2, 50)
+    drawn = np.stack([np.linalg.norm(np.array(found[which]) - 100, axis=1) for which in ("begin", "end")])
+    rims = np.linalg.norm(np.array(found["rims"]) - 100, axis=2)
+    scale = rims.mean() / 1.25
+    assert np.ptp(rims) < 1e-3 * scale
+    np.testing.assert_allclose(drawn / scale, away, atol=1e-3)
+    out = int((away.max(axis=0) > 1.25).sum())
+    assert found["out"] == out
+    assert f"{out} leave the corridor, radius 1.25 mm" in found["told"]
+    record = score(design)
+    leaves = next(each.breaches for each in record.measures if each.measure == "corridor")[0].probability
+    low, high = binom.ppf([5e-5, 1 - 5e-5], 50, leaves)
+    assert low <= out <= high
+    checks = {check.requirement: check for check in record.verdict.checks if check.target != "entry"}
+    position = f"{checks['position'].value:.2f} mm of 2.00 mm"
+    assert found["beside"] == [["position, tip", position], ["breach, entry to tip", "0.00 % of 1 %"]]
+    assert f"{checks['angle'].value:.2f}°" in found["p95"]
+    whole = [line for line in record.targets[0].contributors if line.drawn and line.component == "all"]
+    for level in ("unit", "shot"):
+        share = sum(line.variance_share for line in whole if line.drawn == level)
+        assert f"per {level}: {100 * share:.1f} %" in found["blame"]
+    assert (found["planned"], found["axe"]) == (5, [])

@@ -596,6 +596,7 @@ def scene_data(scene: LayoutScene) -> dict[str, Any]:
         "title": scene.title,
         "words": scene.words,
         "note": scene.note,
+        "magnification": scene.magnification,
         "looks": LOOKS,
         "layers": [{"key": e.key, "label": e.label, "shown": e.shown} for e in scene.layers],
         "cameras": [{"key": e.key, "label": e.label, "right": e.right, "up": e.up} for e in scene.cameras],

@@ -4,6 +4,12 @@
 export const mm = (value: number | null | undefined, decimals: number): string =>
   value === null || value === undefined ? "–" : value.toFixed(decimals).replace("-", "−");
 
+/** With its unit: 1.68 mm, 1.78°, and a part of one as 0.5 %. */
+export const told = (value: number | null | undefined, decimals: number, unit: string): string =>
+  value == null ? "–" : unit === "of 1" ? percent(value, Math.max(0, decimals - 2)) : `${mm(value, decimals)}${sign(unit)}`;
+/** A unit after its number. */
+export const sign = (unit: string): string => (unit === "deg" ? "°" : ` ${unit}`);
+
 /** What a design states is never rounded: with as many decimals, or with all that it has. */
 export const stated = (value: number, decimals: number): string => (Number(value.toFixed(decimals)) === value ? value.toFixed(decimals) : String(value));
 

@@ -91,4 +91,20 @@ scenarios.keys = async () => {
   return found;
 };
 
+// A planned trajectory: down its axis, in every picture, and in the strip
+scenarios.trajectory = async () => {
+  const page = await begun(await newContext()), figure = page.locator(".trajectory"), numbers = (locator, names) => locator.evaluateAll((all, wanted) => all.map((one) => wanted.map((name) => Number(one.getAttribute(name)))), names);
+  await figure.waitFor();
+  const found = { begin: await numbers(figure.locator("circle.begin"), ["cx", "cy"]), end: await numbers(figure.locator("circle:not(.begin)"), ["cx", "cy"]), out: await figure.locator(".executed.out").count(), told: await figure.locator("figcaption").innerText() };
+  found.rims = await figure.locator(".rim").evaluateAll((all) => all.map((one) => one.getAttribute("d").slice(1).split("L").map((at) => at.split(" ").map(Number))));
+  found.planned = await page.locator("path.planned").count();
+  found.beside = await page.locator(".numbers .other").evaluateAll((all) => all.map((one) => [...one.children].map((part) => part.textContent)));
+  found.p95 = await page.locator(".numbers > div").first().innerText();
+  found.blame = await page.locator(".blame").innerText();
+  await faded(page);
+  found.axe = await axe(page);
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return found;
+};
+
 export default scenarios;

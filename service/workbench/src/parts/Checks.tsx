@@ -1,10 +1,13 @@
 // Requirements as one record judged them, all of one kind, and the measures that it tells besides those of each target.
 
 import type { AnyReading, Check } from "../readings";
-import { decimalsOf, mm, percent, stated, VERDICTS } from "../words";
+import { decimalsOf, mm, percent, sign, stated, told, VERDICTS } from "../words";
 import { Term } from "./Words";
 
 export const interval = (ends: readonly (number | null)[], d: number) => (ends[1] === null ? `${mm(ends[0], d)}, no upper end known` : `${mm(ends[0], d)} to ${mm(ends[1], d)}`);
+
+/** As it is stated, with its unit. */
+export const limitWords = (limit: number, d: number, unit: string) => (unit === "of 1" ? `${Number((100 * limit).toPrecision(12))} %` : `${stated(limit, d)}${sign(unit)}`);
 
 /** Every requirement at every target, as they were judged. */
 export function Checks({ of: { kind, record }, label }: { of: AnyReading; label: string }) {
@@ -21,7 +24,7 @@ export function Checks({ of: { kind, record }, label }: { of: AnyReading; label:
             <tr key={check.requirement + check.target}>
               <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}${check.ids?.length ? `; ${check.ids.join(", ")}` : ""}`}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
-              <td class="number">{mm(check.value, d)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{stated(check.limit, d)}{!unit && ` ${check.unit}`}</td>
+              <td class="number">{unit ? mm(check.value, d) : told(check.value, d, check.unit)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{unit ? stated(check.limit, d) : limitWords(check.limit, d, check.unit)}</td>
               {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
             </tr>
           ))}
@@ -41,7 +44,7 @@ export function Measures({ of: { kind, record } }: { of: AnyReading }) {
         <tbody>
           {record.measures.slice(0, 200).map((each) => ({ each, d: decimalsOf(record, each.unit) })).map(({ each, d }) => (
             <tr key={each.measure + each.site}>
-              <th>{`${each.words}, ${each.site}`}</th><td class="number">{`${mm(each.p95, d)} ${each.unit}`}</td><td class="number">{mm(each.mean, d)}</td><td class="number">{mm(each.known, d)}</td>
+              <th>{`${each.words}, ${each.site}`}</th><td class="number">{told(each.p95, d, each.unit)}</td><td class="number">{mm(each.mean, d)}</td><td class="number">{mm(each.known, d)}</td>
               <td class="number">{each.limit === null ? "–" : stated(each.limit, d)}</td><td class="number">{percent(each.exceedance_probability, 2)}</td>
             </tr>
           ))}

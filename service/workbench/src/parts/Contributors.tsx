@@ -170,7 +170,7 @@ export function Contributors() {
         {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}
         {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
-      {first && target && <p class="blame steady">{blame(target, first)}</p>}
+      {first && target && <p class="blame steady">{`${blame(target, first)}${levels(families)}`}</p>}
       {allowances && <p class="note">{slackWords(allowances, target.name, score!)}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
         <table>
@@ -200,6 +200,16 @@ function blame(target: TargetScore, { name, line, ...first }: Family): string {
   const bias = Math.hypot(...target.bias_mm), share = percent(shareOf({ name, line, ...first })), d = decimals.value;
   if (bias > spread(target, 1)) return `At ${target.name}, a known bias of ${mm(bias, d)} mm is most of the error, whose P95 is estimated at ${mm(target.p95_mm, d)} mm: correct for it first. Of what varies, ${name} has most, ${share} of the variance.`;
   return `At ${target.name}, ${name} has most of the variance, ${share}; without it P95 would be ${mm(line!.p95_without_mm, d)} mm instead of ${mm(target.p95_mm, d)}, by estimate.`;
+}
+
+/** How much of the variance is drawn anew how often. */
+function levels(families: Family[]): string {
+  const shares = new Map<string, number>();
+  for (const family of families) {
+    const level = (family.line ?? family.parts[0]?.line)?.drawn;
+    if (level) shares.set(level, (shares.get(level) ?? 0) + shareOf(family));
+  }
+  return shares.size > 1 ? ` Drawn ${[...shares].sort((a, b) => b[1] - a[1]).map(([level, share]) => `per ${level}: ${percent(share)}`).join(", ")}.` : "";
 }
 
 interface Of {

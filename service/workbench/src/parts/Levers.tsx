@@ -4,7 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { answer, current, refused, type Score, send } from "../api";
 import { answering, estimated, known, standing } from "../readings";
 import { design, gesture, type Json } from "../state";
-import { mm } from "../words";
+import { mm, sign } from "../words";
 
 type Lever = NonNullable<Score["levers"]>[number];
 
@@ -49,9 +49,9 @@ export function Reach() {
   const of = shown.value;
   if (!of || of.old || !of.levers.length || !standing.value.holds || answer.value!.score.verdict.status === "pass") return null;
   const { levers, limit, unit, digits: d } = of, all = levers.find(({ name }) => name === "together"), beads = levers.find(({ name }) => name === "placement");
-  if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`An optimisation leads no further than ${mm(all.value, d)} ${unit}, by estimate: ${all.label}.`}</p>;
+  if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`An optimisation leads no further than ${mm(all.value, d)}${sign(unit)}, by estimate: ${all.label}.`}</p>;
   const first = levers.filter(({ how, name }) => how !== "bound" && name !== "placement").slice(0, 2).map(({ label, value }) => `${label} ${mm(value, d)}`);
-  return <p class="note reach" data-kind="estimate">{`Alone at best: ${[...first, beads && `beads elsewhere ${beads.how === "bound" ? "not below " : ""}${mm(beads.value, d)}`].filter(Boolean).join(", ")} ${unit}.`}</p>;
+  return <p class="note reach" data-kind="estimate">{`Alone at best: ${[...first, beads && `beads elsewhere ${beads.how === "bound" ? "not below " : ""}${mm(beads.value, d)}`].filter(Boolean).join(", ")}${sign(unit)}.`}</p>;
 }
 
 export function Levers() {
@@ -61,7 +61,7 @@ export function Levers() {
   return (
     <div class={old || !standing.value.holds ? "levers outdated" : "levers"} data-kind="estimate">
       <table>
-        <caption>{`${name || "P95"} is ${mm(now, d)} ${unit}${limit === null ? "" : `, the limit (the line) ${limit} ${unit}`}; by one lever alone, by estimate:`}</caption>
+        <caption>{`${name || "P95"} is ${mm(now, d)}${sign(unit)}${limit === null ? "" : `, the limit (the line) ${limit}${sign(unit)}`}; by one lever alone, by estimate:`}</caption>
         <colgroup><col /><col /><col /><col /></colgroup>
         <thead class="hidden"><tr><th>Lever</th><th>Bar</th><th>{`At its best, ${unit}`}</th><th>What that is</th></tr></thead>
         <tbody>

@@ -9,7 +9,7 @@ import { current, late, readRefusal, refused, send, unreachable } from "../api";
 import { SEATS } from "../document";
 import { answering, type Check, decisive, estimated, known, standing } from "../readings";
 import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
-import { brief, mm, readNumber, stated } from "../words";
+import { brief, mm, readNumber, sign, stated } from "../words";
 import { grip, stepsOf } from "./grip";
 import { Term } from "./Words";
 
@@ -215,7 +215,7 @@ const wall = (found: Allocation) => `Out of reach at this layout: ${found.bindin
 function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {
   if (!found) return problem;
   if (found.status === "out of reach") return wall(found);
-  const least = `not below ${mm(found.least, d + 1)} ${found.unit}, as ${holder(found)}`;
+  const least = `not below ${mm(found.least, d + 1)}${sign(found.unit)}, as ${holder(found)}`;
   const cost = `Cost ${found.cost_before === null ? "" : `${brief(found.cost_before)} → `}${brief(found.cost_after)}`;
   return told ? `${cost}${found.moved_most ? `; ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
 }
@@ -231,18 +231,18 @@ export function Limit() {
   const waits = now !== null && (now.at !== now.heard || now.done !== null);
   const told = now ? moved.value : moved.value.design === settled.value ? moved.value : null, offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
   const where = { limit: now?.of === "limit" ? now.at : check.limit, value: now?.of === "value" ? now.at : check.value };
-  const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at} ${unit}, cheapest half-widths`, keys ? PRESSES : 0);
+  const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at}${sign(unit)}, cheapest half-widths`, keys ? PRESSES : 0);
   const keep = (text: string) => {
     const typed = readNumber(text, unit);
     field.current!.setCustomValidity(typed !== null && typed > 0 ? "" : `a limit is a number above 0, in ${unit}`);
     if (!field.current!.reportValidity() || !grab(path ? "limit" : "value")) return;
     pull(typed!, true);
-    release(`Keep ${requirement} within ${typed} ${unit} by the cheapest half-widths`);
+    release(`Keep ${requirement} within ${typed}${sign(unit)} by the cheapest half-widths`);
   };
   const handle = (of: Handle, words: string) => {
     const value = where[of], usable = holds && (of === "value" || path !== null);
     return (
-      <span class={`handle ${of}`} role="slider" tabIndex={usable ? 0 : -1} aria-disabled={!usable} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)} ${unit}`}
+      <span class={`handle ${of}`} role="slider" tabIndex={usable ? 0 : -1} aria-disabled={!usable} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)}${sign(unit)}`}
         style={{ left: place(value) }} title={`${words}: drag it, or press an arrow key; the cheapest half-widths follow`}
         {...grip({
           track: () => rail.current!.getBoundingClientRect(), begin: () => usable && grab(of), end: () => finish(of), drop,
@@ -268,11 +268,11 @@ export function Limit() {
   return (
     <div class={`rail ${holds ? "" : "outdated"}`} role="group" aria-label="Drag the limit" data-kind="estimate" data-waits={String(waits)}>
       <div class="ruler" ref={rail}>
-        <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={`not below ${mm(least, d + 1)} ${unit} at this layout`} />}
+        <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={`not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
         {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
       </div>
       <form class="controls" onSubmit={(event) => { event.preventDefault(); keep(field.current!.value); }}>
-        <label><Term word="limit" quiet>Keep</Term> <input key={`${requirement} ${check.limit}`} ref={field} type="text" inputMode="decimal" size={5} defaultValue={stated(check.limit, d)} aria-label={`Keep ${requirement} within, ${unit}`} onInput={(event) => event.currentTarget.setCustomValidity("")} /> {unit}</label>
+        <label><Term word="limit" quiet>Keep</Term> <input key={`${requirement} ${check.limit}`} ref={field} type="text" inputMode="decimal" size={5} defaultValue={stated(check.limit, d)} aria-label={`Keep ${requirement} within, ${unit}`} onInput={(event) => event.currentTarget.setCustomValidity("")} />{sign(unit)}</label>
         <button type="submit" disabled={!holds || now !== null} title="the cheapest half-widths that keep it at this layout; locked ones stay">{`at least cost${offer ? `: ${offer.cost_before === null ? "" : `${brief(offer.cost_before)} → `}${brief(offer.cost_after)}` : ""}`}</button>
       </form>
       <p class={`note ${waits || late.value ? "old" : ""} ${told?.problem ? "bad" : ""}`} role="status" title={words}>{words}</p>

@@ -32,6 +32,12 @@ const moved = computed<Bead[]>(() => {
 const targets = computed<{ name: string; position: Vector }[]>(() =>
   (layout.value?.targets ?? []).map((target) => ({ name: target.label, position: target.position_mm as Vector })));
 
+/** Planned ones: to which target, from where to where. */
+const trajectories = computed<[string, Vector, Vector][]>(() => {
+  const placeOf = (name: Json) => targets.value.find((target) => target.name === name)?.position, all: Json[] = Array.isArray(design.value?.targets) ? design.value.targets : [];
+  return all.flatMap((target) => { const [from, to] = [target?.entry, target?.name].map((name) => name && placeOf(name)); return from && to ? [[target.name, from, to] as [string, Vector, Vector]] : []; });
+});
+
 /** Whether what the service drew is of a design that differs in these parts; half-widths and noise move nothing. */
 function outdated(parts: RegExp): boolean {
   if (drawn.value === design.value) return false;
@@ -277,6 +283,10 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
         {moved.value.map((old) => {
           const was = plane.to(old.position), bead = beads.value.find(({ label }) => label === old.label), now = bead && plane.to(bead.position);
           return was && now && <g key={`was ${old.label}`} class="was">{moved.value.length < 4 && <path d={`M${was[0]} ${was[1]}L${now[0]} ${now[1]}`} />}<circle cx={was[0]} cy={was[1]} r={5 * scale} /></g>;
+        })}
+        {trajectories.value.map(([name, from, to]) => {
+          const [a, b] = [plane.target(from), plane.target(to)];
+          return a && b && <path key={`to ${name}`} class="planned" d={`M${a.join(" ")}L${b.join(" ")}`}><title>{`planned trajectory to ${name}`}</title></path>;
         })}
         {targets.value.slice(0, 200).map((target) => {
           const at = plane.target(target.position), r = 6 * scale;

@@ -8,6 +8,7 @@ import { wrong } from "../beads";
 import { carrier, radius, sizeOf, snaps, UNITS } from "../carrier";
 import { design, picked, pointed, selected } from "../state";
 import { brief } from "../words";
+import { Trajectories } from "./Trajectories";
 import { followed, hand, handles, said, type Scene, takeHold, type Viewer } from "./hands";
 
 declare global {
@@ -41,6 +42,7 @@ export function Space() {
           {said.value || (held ? `${held.words}: ${held.turn ? "the arrows turn it by 1° and tilt it" : "the arrows move it by 1 mm, in the plane that you look at"}; Escape lets go` : "Drag a bead, pivot, locator or beam to move it; with Shift along an axis. N and P take one for the arrows")}
         </p>
       )}
+      {layout.value?.scene && <Trajectories scene={layout.value.scene as unknown as Scene} old={drawn.value !== design.value} />}
       {carrier.value && <Surface />}
     </>
   );

@@ -6,11 +6,11 @@ import { optimise, takeAdvice, takeOptimum, verify } from "../acts";
 import { advised, START } from "../advice";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
-import { type AnyReading, BY, change, decimals, estimated, seen, shown, standing, verified } from "../readings";
+import { type AnyReading, BY, change, type Check, decimals, decisive, estimated, seen, shown, standing, verified } from "../readings";
 import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
-import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
+import { brief, changed, decimalsOf, duration, mm, percent, sign, stated, told, VERDICTS } from "../words";
 import { Rests } from "./Assumed";
-import { Checks, interval, Measures } from "./Checks";
+import { Checks, interval, limitWords, Measures } from "./Checks";
 import { NumberField } from "./Controls";
 import { Dots } from "./Dots";
 import { Reach } from "./Levers";
@@ -58,15 +58,16 @@ export function Verdict() {
               <dt><Term word={reading.headline === "P95" ? "P95" : "requirement"} quiet>{reading.headline}</Term>{` ${reading.of}`}</dt>
               <dd>
                 {now && <span class="was">{`${mm(now.from, now.decimals)} → `}</span>}
-                <output id="p95" aria-live="off">{mm(reading.value, now?.decimals ?? d)}</output> {unit}
+                <output id="p95" aria-live="off">{mm(reading.value, now?.decimals ?? d)}</output>{sign(unit)}
                 {now && <span class={now.to < now.from ? "delta less" : "delta more"}>{` (${changed(now.to - now.from, now.decimals)})`}</span>}
               </dd>
             </div>
             {worst && <div><dt>Between</dt><dd>{interval(worst.interval, d)}</dd></div>}
-            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)} {worst.unit}</dd></div>}
+            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)}{sign(worst.unit)}</dd></div>}
+            {others(reading).map(({ requirement, target, value, limit: most, unit: own, status: is }) => <div key={requirement} class="other"><dt>{`${requirement}, ${target}`}</dt><dd class={`status ${is}`}>{`${told(value, decimalsOf(reading.record as Score, own), own)} of ${limitWords(most, decimalsOf(reading.record as Score, own), own)}`}</dd></div>)}
             {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
-            <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{`${mm(own.known, d)} ${unit}`}</dd></div>
-            <div><dt>Mean error</dt><dd>{`${mm(own.mean, d)} ${unit}`}</dd></div>
+            <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{told(own.known, d, unit)}</dd></div>
+            <div><dt>Mean error</dt><dd>{told(own.mean, d, unit)}</dd></div>
           </dl>
         )}
       </div>
@@ -79,10 +80,14 @@ export function Verdict() {
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
         {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
       </div>
-      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)} ${unit}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} ${unit} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
+      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)}${sign(unit)}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)}${sign(unit)} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
 }
+
+const BESIDE = 3; // requirements
+/** What decides each of the other requirements: degrees beside millimetres. */
+const others = ({ record, decides }: AnyReading): Check[] => [...new Set(record.verdict.checks.map(({ requirement }) => requirement))].filter((name) => name !== decides?.requirement).slice(0, BESIDE).map((name) => decisive(record.verdict.checks.filter(({ requirement }) => requirement === name))!);
 
 /** Whether what is known and the same each time is most of the error: it is taken away before any tolerance. */
 const isBiased = ({ joined, target: { bias_mm, std_mm } }: AnyReading) => !joined && Math.hypot(...bias_mm) > Math.hypot(...std_mm);
@@ -149,7 +154,7 @@ function Trail() {
       <path d={known.map(({ value }, k) => `${k ? "L" : "M"}${x(k)} ${y(value)}`).join("")} />
       {known.map(({ step, at, value }, k) => (
         <g key={at} class={at === position.value ? "state now" : "state"} data-step={at} onClick={() => goTo(at)}>
-          <title>{`${step.what}: ${mm(value, digits + 1)} ${unit} by estimate${at === position.value ? "" : "; press to go there"}`}</title>
+          <title>{`${step.what}: ${mm(value, digits + 1)}${sign(unit)} by estimate${at === position.value ? "" : "; press to go there"}`}</title>
           <rect x={x(k) - 7} y="0" width="14" height="34" /><circle cx={x(k)} cy={y(value)} r={at === position.value ? 4 : 3} />
         </g>
       ))}
@@ -190,7 +195,7 @@ function Losses({ score }: { score: Score }) {
   useEffect(() => void (last.current = shown), [shown]);
   if (!shown.length) return null;
   const words = (loss: Score["losses"][number]["single"] | null, unit: string) =>
-    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value === null ? loss.reason : `${mm(loss.value, decimals.value)} ${unit}`}`;
+    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value === null ? loss.reason : `${mm(loss.value, decimals.value)}${sign(unit)}`}`;
   const mixed = shown.some(({ mixture }) => mixture); // the design says how often fiducials are missed
   const verdict = (loss: { value: number | null } | null, limit: number | null) =>
     loss === null || limit === null ? "" : loss.value !== null && loss.value <= limit ? "status pass" : "status fail";

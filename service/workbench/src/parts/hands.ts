@@ -21,6 +21,7 @@ export interface Item {
 }
 export interface Scene {
   items: Item[];
+  magnification: number; // of errors; 0 where there are none
 }
 export interface Viewer extends Seen {
   canvas: HTMLCanvasElement;
