@@ -92,9 +92,15 @@ def start_check(check: tuple[str, ...]) -> subprocess.Popen[str]:
 
 
 def run_tier(*options: str) -> int:
-    """Kernels are compiled beforehand: where there are none yet, each of the processes would compile them all."""
-    warm_up = [sys.executable, "-m", "tailstack_service.cli.main", "warm-up"]
-    return subprocess.call(warm_up) or pytest(*SIDE_BY_SIDE, *options)
+    """Kernels are compiled beforehand, and the tests where they never were: each of the processes would compile all."""
+    beside = None
+    if not (ROOT / "tests" / "unit" / "__pycache__").exists():  # to collect them once writes what the others then load
+        collect = [sys.executable, "-m", "pytest", "--collect-only", "-qqq"]
+        beside = subprocess.Popen(collect, stdout=subprocess.DEVNULL)
+    code = subprocess.call([sys.executable, "-m", "tailstack_service.cli.main", "warm-up"])
+    if beside is not None:
+        beside.wait()
+    return code or pytest(*SIDE_BY_SIDE, *options)
 
 
 def run_tier_of_processors(*options: str) -> int:

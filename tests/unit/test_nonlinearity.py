@@ -387,7 +387,7 @@ def test_gains_are_moved_by_the_seat_as_by_estimates_of_a_turned_structure(readi
 
 
 @pytest.mark.parametrize("reading", list(Reading))
-@pytest.mark.parametrize("seed", [4, 5, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(6, 10))])
+@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(5, 10))])
 def test_p95_moves_by_no_more_than_is_said_of_a_known_error(seed, reading):
     """sampled: 200,000 draws of play of 0.01 rad, the full turns against first order in the same draws; both terms of
     the number are taken to have one sign, so that it may be larger than the change.  Chance: 0.02 % of P95; the third
