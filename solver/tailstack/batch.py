@@ -32,6 +32,7 @@ from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
 from .design import Design, compile_design, design_to_data, load_design
 from .design.bead_noise import BeadNoise
 from .design.cameras import detector_distances
+from .design.document import Interface
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .design.refusals import escape
@@ -850,7 +851,7 @@ def find_slot(design: Design, system: System, place: Place) -> Slot | None:
             return Slot.of(Coordinate, "targets", [target.name for target in system.targets].index(name), k)
         case ("interfaces", _, *rest) | ("execution", "hand_eye", *rest):
             mount = next(mount for mount in system.mounts if mount.pointer == f"/{place[0]}/{place[1]}")
-            return _find_slot_of_mount(mount, rest, value_at(design.source.data, place[:2]).get("locators") is not None)
+            return _find_slot_of_mount(mount, rest, getattr(design.document.interfaces, str(place[1]), None))
         case ("execution", "repeatability", "std_mm" | "half_width_mm", *axis):
             return _find_slot_along_axes(system.execution.sources, "repeatability", axis)
         case ("execution", "compliance", "load_half_width_n", *axis):
@@ -895,8 +896,8 @@ def _find_slot_of_effect(design: Design, system: System, place: Place) -> Slot |
     return Slot(f"{effect.name}.half_width", (np.flatnonzero(halved).tolist(),), factor, low, high)
 
 
-def _find_slot_of_mount(mount: DirectEffect, place: Sequence[str | int], held: bool) -> Slot | None:
-    """held: by six locators, which follow its pivot."""
+def _find_slot_of_mount(mount: DirectEffect, place: Sequence[str | int], seat: Interface | None) -> Slot | None:
+    """Contacts follow the pivot of their seat, and features add their middles to its bias."""
     field = f"{mount.name}.half_width"
     match place:
         case ("tolerances", str(component), "half_width_deg" | "half_width_mm"):
@@ -907,9 +908,9 @@ def _find_slot_of_mount(mount: DirectEffect, place: Sequence[str | int], held: b
             return Slot.of(HalfWidthDegrees if turns else HalfWidth, field, k, turns=turns)
         case ("locators", int(k), "half_width_mm"):
             return Slot.of(HalfWidth, field, k)
-        case ("pivot_mm", int(k)) if not held:
+        case ("pivot_mm", int(k)) if seat is None or not seat.is_held:
             return Slot.of(Coordinate, f"{mount.name}.pivot", k)
-        case ("bias", str(component)):
+        case ("bias", str(component)) if seat is None or seat.features is None:
             k = TORSOR_COMPONENTS.index(component.partition("_")[0])
             return Slot.of(Degrees if k < 3 else Coordinate, f"{mount.name}.bias", k, turns=k < 3)
     return None

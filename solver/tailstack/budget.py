@@ -50,13 +50,16 @@ def lines_of(model: ErrorModel) -> tuple[BudgetEntry, ...]:
     for number, block in enumerate(model.blocks):
         group = {j: each for each in block.effect.sources.together for j in each}
         parts = () if block.is_grouped else dict.fromkeys(group.get(j, (j,)) for j in range(len(block.units)))
-        lines += [
-            BudgetEntry(block, "+".join(block.components[j] for j in each), each, number, first) for each in parts
-        ]
+        lines += [BudgetEntry(block, _join([block.components[j] for j in each]), each, number, first) for each in parts]
         if block.is_grouped or len(block.units) > 1:
             lines.append(BudgetEntry(block, "all", tuple(range(len(block.units))), number, first))
         first += len(block.units)
     return tuple(lines)
+
+
+def _join(names: list[str]) -> str:
+    """``rx+ty``; the scalars of an item of a drawing, ``A fit`` and ``A fit, 2``, are ``A fit``."""
+    return names[0] if all(name.startswith(f"{names[0]}, ") for name in names[1:]) else "+".join(names)
 
 
 def budget(model: ErrorModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:

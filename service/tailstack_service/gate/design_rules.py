@@ -341,11 +341,18 @@ def list_tolerances(design: Design) -> list[Tolerance]:
         at = f"/interfaces/{name}"
         if interface.tolerances is not None:
             tolerances += _list_components(interface.tolerances, name, f"{at}/tolerances")
-        elif interface.locators is None:
+        elif not interface.is_held:
             tolerances += _list_components(Tolerances(), name, at)
         tolerances += [
             Tolerance(f"{name}.{locator.name}", f"{at}/locators/{k}/half_width_mm", locator.half_width_mm, "mm")
             for k, locator in enumerate(interface.locators or ())
+        ]
+        tolerances += [
+            Tolerance(
+                f"{name}.{feature.name} {stated.name}", f"{at}/features/{k}/{stated.field}", stated.half_width, "mm"
+            )
+            for k, feature in enumerate(interface.features or ())
+            for stated in feature.stated()
         ]
     if document.execution.hand_eye is None:
         return [*tolerances, *_list_components(Tolerances(), "hand_eye", "/execution")]

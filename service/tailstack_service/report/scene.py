@@ -345,13 +345,10 @@ def mounts(design: Design, system: System, old: System | None, length: float) ->
             lever_title = f"{name} to {printable(target.name, LONGEST)}: {arm:.1f} mm"
             points = points_of([mount.pivot_mm, target.position_mm])
             items.append(Item("line", "levers", "lever", points, f"{arm:.0f} mm", lever_title))
-        for locator in (document.locators or ()) if document is not None else ():
-            at, normal = np.array(locator.position_mm), np.array(locator.normal, dtype=float)
+        for contact, at, normal in document.contacts if document is not None else ():
             begin = at - length * normal / np.linalg.norm(normal)
-            locator_title = f"locator {printable(locator.name, LONGEST)}: {place_in_words(at)}"
-            items.append(
-                Item("arrow", "locators", "locator", points_of([begin, at]), in_lines(locator.name, 18), locator_title)
-            )
+            title = f"locator {printable(contact, LONGEST)}: {place_in_words(at)}"
+            items.append(Item("arrow", "locators", "locator", points_of([begin, at]), in_lines(contact, 18), title))
     return items
 
 

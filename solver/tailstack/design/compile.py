@@ -5,7 +5,7 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -30,6 +30,7 @@ from ..system import (
     Law,
     Place,
     Requirement,
+    Sources,
     System,
     Target,
     View,
@@ -49,6 +50,7 @@ from .document import (
     Interface,
     RequirementDocument,
 )
+from .features import MOTIONS, ROUND, Feature, FittedFeature
 from .fiducial_files import list_notes
 from .frames import compile_transform, read_surface_of
 from .loading import Design
@@ -112,8 +114,8 @@ def _compile(design: Design) -> System:
         manufacturing_half_width_mm=frozen(half_width),
         manufacturing_coverage_factor=1.0 if made is None else coverage_of(made.distribution, made.coverage_factor),
         manufacturing_drawn=Drawn.UNIT if made is None else made.drawn,
-        structure_connector=_interface(document.interfaces.structure_connector, "structure_connector"),
-        connector_flange=_interface(document.interfaces.connector_flange, "connector_flange"),
+        structure_connector=_interface(document.interfaces.structure_connector, "structure_connector", notes),
+        connector_flange=_interface(document.interfaces.connector_flange, "connector_flange", notes),
         T_flange_con=flange_con,
         T_tcp_flange=tcp_flange,
         hand_eye=_hand_eye(document.execution.hand_eye),
@@ -167,10 +169,10 @@ def _perfect(name: str) -> DirectEffect:
     return mount(name, frozen(np.zeros(3)), frozen(np.zeros(6)), no_sources(6))
 
 
-def _interface(interface: Interface | None, name: str) -> DirectEffect:
+def _interface(interface: Interface | None, name: str, notes: list[str]) -> DirectEffect:
     if interface is None:
         return _perfect(name)
-    pivot = frozen(interface.pivot_mm)
+    pivot, known = frozen(interface.pivot_mm), interface.bias.torsor
     sources = no_sources(6)
     if interface.tolerances is not None:
         sources = interface.tolerances.sources
@@ -187,7 +189,37 @@ def _interface(interface: Interface | None, name: str) -> DirectEffect:
             for locator, way in zip(held, direction.T, strict=True)
         ]
         sources = gather_sources(stated, 6)
-    return mount(name, pivot, interface.bias.torsor, sources, interface.label, interface.drawn)
+    elif interface.features is not None:
+        sources, middle = _torsor_of_features(interface.features, pivot, f"/interfaces/{name}/features")
+        known = frozen(known + middle)
+        notes += [f"{name} {each.name}, {each.words}" for each in interface.features]
+        notes += [f"{name}: {ROUND}"] if any(isinstance(each, FittedFeature) for each in interface.features) else []
+    return mount(name, pivot, known, sources, interface.label, interface.drawn)
+
+
+def _torsor_of_features(features: Sequence[Feature], pivot_mm: Array, pointer: str) -> tuple[Sources, Array]:
+    """The scalars of every item of these features, each group of them one line of the budget, and the torsor (6,) of
+    the middles of what they state, to first order."""
+    contacts = [contact for feature in features for contact in feature.contacts]
+    spare = contacts[:1] * (MOTIONS - len(contacts))  # said twice, a contact holds nothing more: the rest is named
+    points, normals = (np.array(each) for each in zip(*contacts, *spare, strict=True))
+    torsor = torsor_from_locators(points, normals, pivot_mm, pointer, "features")
+    stated: list[Source] = []
+    together, first, middle = [], 0, np.zeros(6)
+    for feature in features:
+        own = torsor[:, first : first + len(feature.contacts)]
+        first += len(feature.contacts)
+        middle += own @ feature.offset
+        for item in feature.items():
+            name, begin = f"{feature.name} {item.name}", len(stated)
+            stated += [
+                Source(
+                    name if k == 0 else f"{name}, {k + 1}", part.law, part.half_width, None, "mm", own @ part.weights
+                )
+                for k, part in enumerate(item.parts)
+            ]
+            together += [tuple(range(begin, len(stated)))] if len(item.parts) > 1 else []
+    return replace(gather_sources(stated, 6), together=tuple(together)), middle
 
 
 def _hand_eye(hand_eye: HandEye | None) -> DirectEffect:
@@ -324,7 +356,17 @@ def _name_left_out(design: Design) -> list[Problem]:
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius
 
 
-def torsor_from_locators(positions_mm: Array, normals: Array, pivot_mm: Array, pointer: str = "") -> Array:
+HOLDING = {  # how a part is held that is not
+    "six locators": "move or turn a locator so that it resists that motion (3-2-1: three on one face, two on the next, "
+    "one on the third)",
+    "features": "add, move or turn a feature so that it resists that motion (a pad holds three, a pin in a hole two, "
+    "in a slot one, a rest one)",
+}
+
+
+def torsor_from_locators(
+    positions_mm: Array, normals: Array, pivot_mm: Array, pointer: str = "", held_by: str = "six locators"
+) -> Array:
     """Torsor at the pivot per mm of deviation of each contact.
 
     positions_mm (6, 3), normals (6, 3), pivot_mm (3,), all in con; normals of any length.  Returns (6, 6):
@@ -341,11 +383,8 @@ def torsor_from_locators(positions_mm: Array, normals: Array, pivot_mm: Array, p
     if values[-1] <= SINGULAR * values[0]:
         free = right[values <= SINGULAR * values[0]]
         motions = [describe_motion(vector[:3] / radius, vector[3:], centre, radius) for vector in _tidy(free)]
-        detail = f"the six locators leave {len(motions)} motion(s) of the part free: {'; '.join(motions)}"
-        cure = (
-            "move or turn a locator so that it resists that motion (3-2-1: three on one face, two on the next, one on "
-        )
-        raise IllPosedError(Problem(pointer, "free-motion", detail, f"{cure}the third)"))
+        detail = f"the {held_by} leave {len(motions)} motion(s) of the part free: {'; '.join(motions)}"
+        raise IllPosedError(Problem(pointer, "free-motion", detail, HOLDING[held_by]))
     inverse = (right.T / values) @ left.T
     turn, shift = inverse[:3] / radius, inverse[3:]
     return np.vstack([turn, shift + np.cross(turn, pivot_mm - centre, axis=0)])

@@ -291,6 +291,11 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             names = [locator.name for locator in interface.locators]
             problems += find_unknown(f"{pointer}/component", "locator", free.component, names)
             continue
+        if interface is not None and interface.features is not None:
+            detail = f"{free.interface} is stated by features, which stay as they are drawn here"
+            cure = "leave it out, or state the interface by tolerances or locators"
+            problems.append(Problem(f"{pointer}/interface", "features-stay", detail, cure))
+            continue
         if free.component not in (*ROTATIONS, *TRANSLATIONS):
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
@@ -314,8 +319,8 @@ def _mounts(document: DesignDocument) -> list[Problem]:
     problems = []
     for index, pivot in enumerate(document.optimise.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
-        if interface is None or interface.locators is not None:
-            why, cure = "is held by locators: its pivot only reduces them", "free its locators instead"
+        if interface is None or interface.is_held:
+            why, cure = "is held by its contacts: its pivot only reduces them", "free what they state instead"
             if interface is None:
                 why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
             problems.append(

@@ -8,7 +8,7 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -88,7 +88,11 @@ from ..ranges import (
 from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
+<<<<<<< HEAD
 from .bead_noise import BeadNoise
+=======
+from .features import Feature, refuse_overheld
+>>>>>>> 02907860 (wip)
 from .optimise_document import Optimise
 from .pose import Transform
 from .presets import PRESETS
@@ -413,9 +417,9 @@ class Locator(Record):
 
 
 class Interface(Record):
-    """A mechanical interface: a known bias and either tolerances or six locators."""
+    """A mechanical interface: a known bias and either tolerances, six locators or the features of a drawing."""
 
-    model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators"))
+    model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators", "features"))
 
     label: Annotated[str, Field(max_length=200)] = Field(
         default="", description="What the drawing calls it.", examples=["two-dowel seat"]
@@ -427,28 +431,49 @@ class Interface(Record):
     bias: Bias = Field(default_factory=Bias, description="Known, fixed displacement. Default none.")
     tolerances: Tolerances | None = Field(
         default=None,
-        description="Half-width and law per component. Either this or locators; neither means it does not vary.",
+        description="Half-width and law per component. Either this, locators or features; none means it does not vary.",
     )
     locators: Annotated[list[Locator], Field(min_length=6, max_length=6)] | None = Field(
         default=None,
         description="Six point contacts (3-2-1). Contact i deviates by delta_i along its normal n_i, and the torsor "
         "(t, w) at the pivot p follows from n_i . (t + w x (p_i - p)) = delta_i.",
     )
-    drawn: HowOften = level_field(Drawn.UNIT, "its tolerances or locators")
+    features: Annotated[list[Feature], Field(min_length=1, max_length=12)] | None = Field(
+        default=None,
+        description="The seat as its drawing states it: pads with flatness, pins with fits, slots, spigots, vees. "
+        "Together they hold six motions, and the torsor follows from what each allows.",
+    )
+    drawn: HowOften = level_field(Drawn.UNIT, "its tolerances, locators or features")
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later({"drawn": Drawn.UNIT, "features": None})
 
     @model_validator(mode="after")
     def _one_description(self) -> Interface:
-        if self.tolerances is not None and self.locators is not None:
-            raise refusal(
-                "one-of", "give tolerances or locators; both arrived", "the torsor follows from locators", "locators"
-            )
-        names = [locator.name for locator in self.locators or ()]
-        for index, name in enumerate(names):
-            if name in names[:index]:
-                raise refusal("duplicate-name", f"two locators are called {name!r}", at=f"locators/{index}/name")
+        ways = [field for field in ("tolerances", "locators", "features") if getattr(self, field) is not None]
+        if len(ways) > 1:
+            detail = f"give one of tolerances, locators and features; {' and '.join(ways)} arrived"
+            raise refusal("one-of", detail, f"the torsor follows from {ways[-1]}", ways[-1])
+        for field in ("locators", "features"):
+            names = [each.name for each in getattr(self, field) or ()]
+            for index, name in enumerate(names):
+                if name in names[:index]:
+                    raise refusal("duplicate-name", f"two {field} are called {name!r}", at=f"{field}/{index}/name")
+        refuse_overheld(self.features or ())
         return self
+
+    @property
+    def contacts(self) -> Iterator[tuple[str, Array, Array]]:
+        """Name, place, mm, and normal of each contact that holds it, con."""
+        for locator in self.locators or ():
+            yield locator.name, np.array(locator.position_mm), np.array(locator.normal, dtype=float)
+        for feature in self.features or ():
+            for place, normal in feature.contacts:
+                yield feature.name, place, normal
+
+    @property
+    def is_held(self) -> bool:
+        """Whether contacts hold it, so that its pivot only reduces what they do."""
+        return self.locators is not None or self.features is not None
 
 
 class Interfaces(Record):

@@ -15,14 +15,24 @@ from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
 from .bead_noise import BeadNoise
 from .document import VIEW_KINDS, DesignDocument
+from .features import FEATURE_KINDS
 from .optimise_document import FREE_VIEW_KINDS
 from .pose import Pose
 from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {
+<<<<<<< HEAD
     **VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None, "<noise>": BeadNoise, "<number>": None,
 }  # fmt: skip
+=======
+    **VIEW_KINDS,
+    **FREE_VIEW_KINDS,
+    **FEATURE_KINDS,
+    "<pose>": Pose,
+    "<matrix>": None,
+}
+>>>>>>> 02907860 (wip)
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",

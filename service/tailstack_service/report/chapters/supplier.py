@@ -36,7 +36,7 @@ class DrawnTolerance:
     """A half-width as drawn."""
 
     component: str
-    """x, y, z of a bead; rx, ry, rz, tx, ty, tz of a seat, or the name of its locator."""
+    """x, y, z of a bead; rx, ry, rz, tx, ty, tz of a seat, the name of its locator, or of a feature what it states."""
     half_width: float
     """Half-width, in `unit`."""
     unit: str
@@ -136,6 +136,12 @@ def _seat(name: str, seat: Interface) -> DrawnSeat:
         )
         for each in seat.locators or ()
     ]  # fmt: skip
+    drawn += [
+        DrawnTolerance(f"{feature.name} {each.name}", each.half_width, "mm", str(feature.distribution), None,
+                       feature.position_mm, feature.normal)
+        for feature in seat.features or ()
+        for each in feature.stated()
+    ]  # fmt: skip
     joined = seat.tolerances is not None and bool(seat.tolerances.correlation or seat.tolerances.covariance_deg_mm)
     return DrawnSeat(name, seat.label, seat.pivot_mm, tuple(drawn), joined)
 
@@ -223,7 +229,7 @@ def _beads_table(sheet: Sheet) -> Table:
 def _seat_table(seat: DrawnSeat) -> Table:
     located = any(each.position_mm is not None for each in seat.tolerances)
     columns = (
-        Column("Locator" if located else "Component"), Column("±", "", "given"), Column("Unit", kind="unit"),
+        Column("Contact" if located else "Component"), Column("±", "", "given"), Column("Unit", kind="unit"),
         Column("Law"), *((Column("Contact point", "mm"), Column("Normal")) if located else ()),
     )  # fmt: skip
 

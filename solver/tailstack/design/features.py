@@ -1,0 +1,503 @@
+"""A seat as a drawing states it: what each feature says, how many motions it holds, and the law of what it leaves.
+
+A feature holds m motions of the part at *contacts*: at point p along the unit vector n the part is off by
+``n . (t + w x (p - pivot)) = delta``, as at a locator.  Features that hold six together are a seat, and its torsor is
+linear in the deltas (``compile.torsor_from_locators``).  Each kind says which deltas are possible (its *domain*) and
+how likely each is.  In the frame of a feature z is its ``normal``, x its ``along``.
+
+*Pad*, a x b.  Flatness and parallelism are zones between two parallel planes t apart that may lie at any height: the
+plane that the part rests on, ``z = rx y - ry x + w`` at ``|x| <= a/2``, ``|y| <= b/2``, fits between them exactly where
+``|rx| b + |ry| a <= t``.  That diamond is a square in the heights of two neighbouring corners against the middle,
+``u = (rx b - ry a) / 2`` and ``v = (-rx b - ry a) / 2``: ``|u| <= t/2``, ``|v| <= t/2``.  Uniform in the diamond is u
+and v uniform and independent: exact, in support and in law.  The height w is another dimension (``height_mm``).
+
+*Pin in a hole.*  A clearance c leaves the axis of the hole a disc of diameter c.  The sizes are uniform within their
+limits and the part sits anywhere in the disc that they leave, alike: the variance along each axis is ``E[c^2]/16``,
+the reach ``c_max/2``.  Along and across are uncorrelated, not independent.  They are taken for independent: along each,
+a sum of independent uniform or triangular laws with *that* standard deviation and *that* reach.  Covariance and the
+reach of every motion in the frame of the feature are exact; on the diagonal two reaches add up to sqrt(2) of the
+disc's.  For ``bounded`` it is an octagon about the disc instead, at most 8.2 % wider (1/cos 22.5 deg).
+
+*Pin in a slot* holds across the slot only: ``|y| <= c/2``, of variance ``E[c^2]/12``.
+
+*Spigot.*  A round fit as the hole; with a length it holds tilt too.  Its axis stays within the bore where both ends of
+the length are in the disc; uniform in that domain is each end uniform in the disc, independently.
+
+*Position* of a hole: the axis is anywhere in a zone of diameter t, of variance ``t^2/16`` along each axis.  At maximum
+material t grows by what the hole is larger than its smallest: ``E[(t + b)^2]/16`` and ``(t + b_max)/2``, b of the
+hole's size.  Clearance and zone grow together, but their directions are independent: uncorrelated, and so added.
+
+*Vee* at 90 deg, *rest*: flanks or the face anywhere within their profile t, +-t/2 along their own normals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import ceil, cos, pi, sin, sqrt
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ..fields import Direction, Name, Point, Record, refusal
+from ..geometry.arrays import Array
+from ..ranges import SEAT_MM, AnySize
+from .iso286 import Deviations, read_fit
+
+MOTIONS = 6
+ROUND = (
+    "a round clearance or zone is taken for independent laws along and across it, of its own covariance and reach; on "
+    "the diagonal they reach up to 41 % further than it does (bounded: 8 %, in between)"
+)
+_Zone = Annotated[float, Field(ge=0, le=10), SEAT_MM]
+_Size = Annotated[float, Field(gt=0, le=1e4), AnySize("of a part, as it is drawn")]
+_Deviation = Annotated[float, Field(ge=-10, le=10)]
+_Limits = Annotated[tuple[_Deviation, _Deviation], Field(strict=False), AnySize("judged with each other")]
+
+
+class Part(NamedTuple):
+    """A scalar of an item: its law, its half-width in mm, and what one mm of it does at the contacts (m,)."""
+
+    law: str
+    half_width: float
+    weights: Array
+
+
+class Item(NamedTuple):
+    """What a drawing states once, and the independent scalars that it becomes."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+
+class Stated(NamedTuple):
+    """A number of a drawing that a process holds: half the width of its zone, mm."""
+
+    name: str
+    field: str
+    half_width: float
+
+
+def spread_sum(half_width: float, std: float) -> list[tuple[str, float]]:
+    """Laws and half-widths of independent scalars whose sum reaches ``half_width`` and has ``std``, both exactly.
+
+    Of n scalars of one law one is A wide and the others B: ``A + (n - 1) B = 1``, ``A^2 + (n - 1) B^2 = q``, which has
+    a solution for 1/n <= q <= 1; uniform ones have q = 3 std^2 / half_width^2, triangular ones twice that.
+    """
+    if half_width <= 0:
+        return []
+    law, q = "uniform", 3 * (std / half_width) ** 2
+    if q <= 0.5:
+        law, q = "triangular", 2 * q
+    others = max(ceil(1 / q - 1e-9), 1) - 1
+    if others == 0:
+        return [(law, half_width)]
+    narrow = (others - sqrt(max(others**2 - (others**2 + others) * (1 - q), 0.0))) / (others**2 + others)
+    widths = [1 - others * narrow, *[narrow] * others]
+    return [(law, width * half_width) for width in widths if width > 1e-9]
+
+
+class _Feature(Record):
+    name: Name = Field(description="Name of the feature, unique in the interface.", examples=["A"])
+    position_mm: Point = Field(description="Its middle in con, mm.", examples=[[0.0, 0.0, -95.0]])
+    normal: Direction = Field(
+        default=(0.0, 0.0, 1.0),
+        description="Its normal, or the axis of a round one, in con; any length. Default z.",
+        examples=[[0, 0, 1]],
+    )
+    along: Direction = Field(
+        default=(1.0, 0.0, 0.0),
+        description="Its first side, or the way that a slot or a vee runs, in con; any length. Default x.",
+        examples=[[1, 0, 0]],
+    )
+    distribution: Literal["uniform", "bounded"] = Field(
+        default="uniform",
+        description="uniform: anything within what the drawing allows alike. bounded: no law is claimed, only the "
+        "worst case counts. Default uniform.",
+        examples=["uniform"],
+    )
+
+    @model_validator(mode="after")
+    def _has_a_frame(self) -> Self:
+        if np.linalg.norm(np.cross(self.normal, self.along)) < 1e-6 * np.linalg.norm(self.normal) * np.linalg.norm(
+            self.along
+        ) or not (any(self.normal) and any(self.along)):
+            detail = f"along is parallel to the normal, or one of them is 0: {self.along} and {self.normal} arrived"
+            raise refusal(
+                "zero-direction", detail, "give two directions at an angle, as [1, 0, 0] and [0, 0, 1]", "along"
+            )
+        return self
+
+    @property
+    def frame(self) -> Array:
+        """(3, 3) rows x, y, z of the feature in con."""
+        z = np.array(self.normal) / np.linalg.norm(self.normal)
+        x = np.array(self.along) - (np.array(self.along) @ z) * z
+        x /= np.linalg.norm(x)
+        return np.array([x, np.cross(z, x), z])
+
+    def at(self, x: float, y: float, z: float = 0.0) -> Array:
+        """(3,) con, mm, of a place in the frame of the feature."""
+        return np.array(self.position_mm) + np.array([x, y, z]) @ self.frame
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        """Point and normal of each motion that it holds, in con."""
+        raise NotImplementedError
+
+    def items(self) -> Iterator[Item]:
+        """What it states, and what that does at its contacts, in their order."""
+        raise NotImplementedError
+
+    @property
+    def offset(self) -> Array:
+        """(m,) mm: where its contacts are in the middle of what is stated."""
+        return np.zeros(len(self.contacts))
+
+    def stated(self) -> Iterator[Stated]:
+        """Its numbers that a process holds."""
+        raise NotImplementedError
+
+    @property
+    def words(self) -> str:
+        """What it states, in a line."""
+        raise NotImplementedError
+
+
+class Pad(_Feature):
+    """A flat face that the part rests on: holds two tilts and the height."""
+
+    kind: Literal["pad"] = Field(description="pad: a flat face, holds three motions.", examples=["pad"])
+    size_mm: Annotated[tuple[_Size, _Size], Field(strict=False), AnySize("of a part, as it is drawn")] = Field(
+        description="Its length along ``along`` and across it, mm.", examples=[[60, 40]]
+    )
+    flatness_mm: _Zone | None = Field(
+        default=None, description="Flatness t, mm: of the face by itself.", examples=[0.02]
+    )
+    parallelism_mm: _Zone | None = Field(
+        default=None,
+        description="Parallelism t, mm, to the face that it is measured from. Either this or flatness.",
+        examples=[0.02],
+    )
+    height_mm: _Limits | None = Field(
+        default=None,
+        description="Deviations of its height along the normal, mm: [upper, lower]. Default exact.",
+        examples=[[0.02, 0.0]],
+    )
+
+    @model_validator(mode="after")
+    def _one_zone(self) -> Self:
+        if (self.flatness_mm is None) == (self.parallelism_mm is None):
+            raise refusal("one-of", "give exactly one of flatness_mm and parallelism_mm", "flatness_mm: 0.02")
+        _ordered(self.height_mm, "height_mm")
+        return self
+
+    @property
+    def _zone(self) -> tuple[str, float]:
+        """The field and t, mm."""
+        if self.flatness_mm is not None:
+            return "flatness", self.flatness_mm
+        return "parallelism", self.parallelism_mm or 0.0
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        """The middle, and two neighbouring corners."""
+        a, b = self.size_mm
+        return [(self.at(x, y), self.frame[2]) for x, y in ((0.0, 0.0), (a / 2, b / 2), (a / 2, -b / 2))]
+
+    def items(self) -> Iterator[Item]:
+        name, t = self._zone
+        corners = np.eye(3)[1:]
+        yield Item(name, tuple(Part(self.distribution, t / 2, corner) for corner in corners))
+        if self.height_mm is not None:
+            yield Item("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(3)),))
+
+    @property
+    def offset(self) -> Array:
+        return np.full(3, 0.0 if self.height_mm is None else Deviations(*self.height_mm).middle)
+
+    def stated(self) -> Iterator[Stated]:
+        name, t = self._zone
+        yield Stated(name, f"{name}_mm", t / 2)
+        if self.height_mm is not None:
+            yield Stated("height", "height_mm", Deviations(*self.height_mm).width / 2)
+
+    @property
+    def words(self) -> str:
+        name, t = self._zone
+        height = "" if self.height_mm is None else f", height {_say(Deviations(*self.height_mm))}"
+        return f"pad {self.size_mm[0]:g} x {self.size_mm[1]:g}: {name} {t:g}{height}"
+
+
+class FittedFeature(_Feature):
+    """What a pin and a hole leave each other."""
+
+    _called = "fit"
+    _clearance_over = 16  # by which the mean square of a clearance is divided: of a disc along an axis
+
+    diameter_mm: _Size = Field(description="Nominal diameter, mm.", examples=[6])
+    fit: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None,
+        description="ISO 286: class of the hole, a stroke, class of the pin. Either this, or hole_mm and pin_mm.",
+        examples=["H7/g6"],
+    )
+    hole_mm: _Limits | None = Field(
+        default=None, description="Deviations of the hole, mm: [upper, lower].", examples=[[0.012, 0.0]]
+    )
+    pin_mm: _Limits | None = Field(
+        default=None, description="Deviations of the pin, mm: [upper, lower].", examples=[[-0.004, -0.012]]
+    )
+    position_zone_mm: _Zone | None = Field(
+        default=None,
+        description="Position tolerance of the axis, mm: the diameter of its zone. Default exact.",
+        examples=[0.05],
+    )
+    at_maximum_material: bool = Field(
+        default=False,
+        description="Whether the zone grows by what the hole is larger than its smallest (the sign M on a drawing).",
+        examples=[True],
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        sizes = self.hole_mm is not None, self.pin_mm is not None
+        if (self.fit is not None) == any(sizes) or any(sizes) != all(sizes):
+            raise refusal("one-of", "give fit, or hole_mm and pin_mm together", "fit: H7/g6")
+        _ordered(self.hole_mm, "hole_mm")
+        _ordered(self.pin_mm, "pin_mm")
+        try:
+            hole, pin = self.limits
+        except ValueError as error:
+            cure = "or state hole_mm and pin_mm, as the standard's table has them"
+            raise refusal("unknown-fit", str(error), cure, "fit") from None
+        if hole.lower < pin.upper:
+            detail = f"the pin may be larger than the hole: {_say(pin)} in {_say(hole)}"
+            cure = "interference is not modelled: state sizes that leave a clearance, as H7/g6 does"
+            raise refusal("interference", detail, cure, "pin_mm" if self.fit is None else "fit")
+        if self.at_maximum_material and self.position_zone_mm is None:
+            detail = "at_maximum_material is read only with position_zone_mm"
+            raise refusal("unused-field", detail, "state the zone, or leave this out", "at_maximum_material")
+        return self
+
+    @property
+    def limits(self) -> tuple[Deviations, Deviations]:
+        """Of hole and pin.  Raises ValueError for a fit that is not known."""
+        if self.fit is not None:
+            return read_fit(self.fit, self.diameter_mm)
+        assert self.hole_mm is not None
+        assert self.pin_mm is not None
+        return Deviations(*self.hole_mm), Deviations(*self.pin_mm)
+
+    @property
+    def clearance(self) -> tuple[float, float]:
+        """The largest, mm, and the mean of its square, mm^2, over sizes uniform within their limits."""
+        hole, pin = self.limits
+        mean = hole.middle - pin.middle
+        return hole.upper - pin.lower, mean**2 + (hole.width**2 + pin.width**2) / 12
+
+    @property
+    def zone(self) -> tuple[float, float]:
+        """The diameter of the position zone: the largest, mm, and the mean of its square, mm^2."""
+        t = self.position_zone_mm or 0.0
+        bonus = self.limits[0].width if self.at_maximum_material else 0.0
+        return t + bonus, (t + bonus / 2) ** 2 + bonus**2 / 12
+
+    def items(self) -> Iterator[Item]:
+        yield Item("fit", tuple(self._parts(*self.clearance, self._clearance_over)))
+        if self.position_zone_mm:
+            yield Item("position", tuple(self._parts(*self.zone, 16)))
+
+    def _parts(self, largest: float, square: float, over: int) -> Iterator[Part]:
+        yield from _round_parts(self.distribution, largest / 2, sqrt(square / over), self._rounds)
+
+    @property
+    def _rounds(self) -> list[Array]:
+        """(m, 2) or (m, 1): x and y of each round place, or y alone, at the contacts."""
+        raise NotImplementedError
+
+    def stated(self) -> Iterator[Stated]:
+        hole, pin = self.limits
+        yield Stated("hole", "fit" if self.fit is not None else "hole_mm", hole.width / 2)
+        yield Stated("pin", "fit" if self.fit is not None else "pin_mm", pin.width / 2)
+        if self.position_zone_mm is not None:
+            yield Stated("position", "position_zone_mm", self.position_zone_mm / 2)
+
+    @property
+    def words(self) -> str:
+        hole, pin = self.limits
+        largest, least = hole.upper - pin.lower, hole.lower - pin.upper
+        fit = f" {self.fit}" if self.fit is not None else ""
+        zone = "" if self.position_zone_mm is None else f", position {self.position_zone_mm:g}"
+        zone += " at maximum material" if self.at_maximum_material else ""
+        return (
+            f"{self._called} {self.diameter_mm:g}{fit}: hole {_say(hole)}, pin {_say(pin)}, "
+            f"clearance {(largest + least) / 2:.4g} ± {(largest - least) / 2:.4g} mm{zone}"
+        )
+
+
+class PinInHole(FittedFeature):
+    """A pin in a round hole: holds its axis, two motions."""
+
+    kind: Literal["pin_in_hole"] = Field(description="pin_in_hole: holds two motions.", examples=["pin_in_hole"])
+    _called = "pin in hole"
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        return [(self.at(0.0, 0.0), self.frame[k]) for k in range(2)]
+
+    @property
+    def _rounds(self) -> list[Array]:
+        return [np.eye(2)]
+
+
+class PinInSlot(FittedFeature):
+    """A pin in a slot that runs along ``along``: holds across it, one motion."""
+
+    kind: Literal["pin_in_slot"] = Field(description="pin_in_slot: holds one motion.", examples=["pin_in_slot"])
+    _called = "pin in slot"
+    _clearance_over = 12  # of a line
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        return [(self.at(0.0, 0.0), self.frame[1])]
+
+    @property
+    def _rounds(self) -> list[Array]:
+        return [np.eye(1)]
+
+
+class Spigot(FittedFeature):
+    """A spigot in a bore: holds its axis, two motions, and with a length two tilts."""
+
+    kind: Literal["spigot"] = Field(description="spigot: holds two motions, with length_mm four.", examples=["spigot"])
+    length_mm: _Size | None = Field(
+        default=None, description="Length in the bore, mm, where it holds tilt. Default: a short one.", examples=[25]
+    )
+    _called = "spigot"
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        ends = [0.0] if self.length_mm is None else [self.length_mm / 2, -self.length_mm / 2]
+        return [(self.at(0.0, 0.0, z), self.frame[k]) for z in ends for k in range(2)]
+
+    @property
+    def _rounds(self) -> list[Array]:
+        each = np.eye(2 if self.length_mm is None else 4)
+        return [each[:, k : k + 2] for k in range(0, len(each), 2)]
+
+
+class Vee(_Feature):
+    """A ball in a vee groove of 90 degrees that runs along ``along``: holds across it and the height, two motions."""
+
+    kind: Literal["vee"] = Field(description="vee: a ball in a groove of 90 degrees, two motions.", examples=["vee"])
+    profile_mm: _Zone = Field(description="Profile t of each flank, mm: +-t/2 along its normal.", examples=[0.004])
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        _, y, z = self.frame
+        return [(self.at(0.0, 0.0), (z + side * y) / sqrt(2)) for side in (1, -1)]
+
+    def items(self) -> Iterator[Item]:
+        yield Item("profile", tuple(Part(self.distribution, self.profile_mm / 2, flank) for flank in np.eye(2)))
+
+    def stated(self) -> Iterator[Stated]:
+        yield Stated("profile", "profile_mm", self.profile_mm / 2)
+
+    @property
+    def words(self) -> str:
+        return f"vee: profile {self.profile_mm:g}"
+
+
+class Rest(_Feature):
+    """A small face or a stop: holds one motion, along its normal."""
+
+    kind: Literal["rest"] = Field(description="rest: a stop, holds one motion.", examples=["rest"])
+    height_mm: _Limits = Field(
+        description="Deviations of its height along the normal, mm: [upper, lower].", examples=[[0.01, -0.01]]
+    )
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> Self:
+        _ordered(self.height_mm, "height_mm")
+        return self
+
+    @property
+    def contacts(self) -> list[tuple[Array, Array]]:
+        return [(self.at(0.0, 0.0), self.frame[2])]
+
+    def items(self) -> Iterator[Item]:
+        yield Item("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(1)),))
+
+    @property
+    def offset(self) -> Array:
+        return np.array([Deviations(*self.height_mm).middle])
+
+    def stated(self) -> Iterator[Stated]:
+        yield Stated("height", "height_mm", Deviations(*self.height_mm).width / 2)
+
+    @property
+    def words(self) -> str:
+        return f"rest: height {_say(Deviations(*self.height_mm))}"
+
+
+FEATURES: tuple[type[_Feature], ...] = (Pad, PinInHole, PinInSlot, Spigot, Vee, Rest)
+FEATURE_KINDS = {f"<{kind.model_fields['kind'].examples[0]}>": kind for kind in FEATURES}  # type: ignore[index]
+
+
+def _kind_of(value: Any) -> str | None:
+    if isinstance(value, dict):
+        tag = f"<{value.get('kind')}>"
+        return tag if tag in FEATURE_KINDS else None
+    return next((tag for tag, kind in FEATURE_KINDS.items() if isinstance(value, kind)), None)
+
+
+Feature = Annotated[
+    Annotated[Pad, Tag("<pad>")]
+    | Annotated[PinInHole, Tag("<pin_in_hole>")]
+    | Annotated[PinInSlot, Tag("<pin_in_slot>")]
+    | Annotated[Spigot, Tag("<spigot>")]
+    | Annotated[Vee, Tag("<vee>")]
+    | Annotated[Rest, Tag("<rest>")],
+    Discriminator(
+        _kind_of,
+        custom_error_type="feature-kind",
+        custom_error_message="a feature is a mapping with a kind: pad, pin_in_hole, pin_in_slot, spigot, vee or rest",
+    ),
+]
+
+
+def refuse_overheld(features: Sequence[_Feature]) -> None:
+    """Raises a refusal where features hold more than six motions: which of them gives way is not modelled."""
+    held = [len(feature.contacts) for feature in features]
+    if sum(held) > MOTIONS:
+        each = ", ".join(f"{feature.name} {count}" for feature, count in zip(features, held, strict=True))
+        cure = "leave out what gives way: a second hole is a slot, a spigot on a pad has no length_mm"
+        detail = f"the features hold {sum(held)} motions and a part has six: {each}"
+        raise refusal("overheld", detail, cure, "features")
+
+
+def _round_parts(law: str, reach: float, std: float, rounds: Sequence[Array]) -> Iterator[Part]:
+    """Scalars of round places that reach ``reach`` mm and vary by ``std`` mm along each axis; of one axis as well."""
+    for axes in rounds:
+        ways = axes.shape[1]
+        if law == "bounded" and ways == 2:
+            side = reach / (1 + sqrt(2))
+            yield from (Part(law, side, axes @ [cos(k * pi / 4), sin(k * pi / 4)]) for k in range(4))
+        elif law == "bounded":
+            yield Part(law, reach, axes[:, 0])
+        else:
+            for way in axes.T:
+                yield from (Part(each, width, way) for each, width in spread_sum(reach, std))
+
+
+def _ordered(limits: tuple[float, float] | None, field: str) -> None:
+    if limits is not None and limits[0] < limits[1]:
+        detail = f"[upper, lower]: {limits[0]:g} is below {limits[1]:g}"
+        raise refusal("order", detail, f"{field}: [{limits[1]:g}, {limits[0]:g}]", field)
+
+
+def _say(limits: Deviations) -> str:
+    """A zone as a drawing has it, and as middle and half-width where it is not symmetric."""
+    if abs(limits.middle) < 1e-12:
+        return f"±{limits.upper:.4g}"
+    return f"{limits} ({limits.middle:+.4g} ± {limits.width / 2:.4g})"
