@@ -85,18 +85,6 @@ def test_two_tolerances_on_any_curves(prices: tuple[Price, Price]) -> None:
     )
 
 
-def test_an_axis_without_lever_goes_to_its_bound() -> None:
-    """closed form: turning about the axis through pivot and target moves nothing."""
-    solution = solve_placement(silent_problem(0.5, ("rx", "rz"), max_deg=0.7))
-    np.testing.assert_allclose(np.rad2deg(solution.choice.half_width[[1, 3]]), 0.7, rtol=1e-6)
-    words = name_binding(solution.program, solution.iterate.point, solution.iterate.parameters)
-    assert set(words) == {
-        "P95 at target 'target', limit 0.5 mm (accuracy)",
-        "structure_connector rz at its largest half-width, 0.7 deg",
-        "connector_flange rz at its largest half-width, 0.7 deg",
-    }
-
-
 def test_bounded_rotations_are_held_at_their_worst_ends() -> None:
     """closed form: without noise |sum of signed levers| at the worst vertex is the limit: h1 165 + h2 215 = limit."""
     problem = silent_problem(0.5, ("rx",), law=Law.BOUNDED)
