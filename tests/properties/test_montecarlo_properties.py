@@ -59,12 +59,7 @@ def test_keeping_more_changes_nothing_that_was_kept() -> None:
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)
-@given(
-    st.integers(0, 2**32),
-    st.integers(6, 40),
-    st.integers(2, 4),
-    st.sampled_from(list(Reading)),
-)
+@given(st.integers(0, 2**32), st.integers(6, 40), st.integers(2, 4), st.sampled_from(list(Reading)))
 def test_any_scene_agrees_with_svd(seed: int, fiducials: int, views: int, reading: Reading) -> None:
     """Independent: full singular value decompositions, on random scenes with every error source at work."""
     system = random_system(np.random.default_rng(seed), fiducials, views, reading=reading)

@@ -266,11 +266,7 @@ class Report:
             worst = f"after {max(self.looks):.2f} s at most" if self.looks else "never"
             lines.append(f"  readiness        true {worst}   ({len(self.looks)} changes, {len(self.untrue)} untold)")
         for word, seconds, what in (
-            (
-                "taken up again",
-                [k.taken for k in self.kills],
-                "first unit that was lost is begun anew",
-            ),
+            ("taken up again", [k.taken for k in self.kills], "first unit that was lost is begun anew"),
             ("recovered", [k.recovered for k in self.kills], "last unit that was under way there is recorded"),
         ):
             known = sorted(second for second in seconds if second is not None)

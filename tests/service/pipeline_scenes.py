@@ -63,9 +63,7 @@ def shipped(folder: Path) -> tuple[str, str]:
 def redate(folder: Path, days: int) -> None:
     waivers = folder / "waivers.yaml"
     text, count = re.subn(
-        r"expires: \S+",
-        f"expires: {date.today() + timedelta(days=days)}",
-        waivers.read_text(encoding="utf-8"),
+        r"expires: \S+", f"expires: {date.today() + timedelta(days=days)}", waivers.read_text(encoding="utf-8")
     )
     assert count == 1
     waivers.write_text(text, encoding="utf-8")

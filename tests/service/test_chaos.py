@@ -54,14 +54,6 @@ def test_two_workers_with_dask(dask_cluster: Cluster, tmp_path: Path, run_seed: 
     dask_cluster.revive()
     url = f"sqlite:///{tmp_path / 'chaos.sqlite3'}"
     report = run_chaos(
-        "dask",
-        url,
-        tmp_path,
-        kills=3,
-        seed=seed,
-        asked=requests(2),
-        serving=False,
-        kinds=kinds,
-        cluster=dask_cluster,
+        "dask", url, tmp_path, kills=3, seed=seed, asked=requests(2), serving=False, kinds=kinds, cluster=dask_cluster
     )
     check(report, set(kinds))

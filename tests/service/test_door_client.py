@@ -172,10 +172,7 @@ def test_an_optimisation_that_becomes_a_job_is_waited_for(client: ModuleType) ->
     ],
 )  # fmt: skip
 def test_what_a_service_refuses_is_said_in_its_words(client: ModuleType, answer: Answer, words: str) -> None:
-    with (
-        serving(lambda *_: answer, Traffic()) as address,
-        pytest.raises(client.Refusal, match=re.escape(words)),
-    ):
+    with serving(lambda *_: answer, Traffic()) as address, pytest.raises(client.Refusal, match=re.escape(words)):
         client.Service(address).score({})
 
 

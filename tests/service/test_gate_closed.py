@@ -328,10 +328,7 @@ JUDGING = (
 
 @pytest.mark.parametrize(
     ("sent", "left", "code", "words"),
-    [
-        (signal.SIGKILL, -signal.SIGKILL, 3, "it is running, or it was killed"),
-        (signal.SIGINT, 130, 130, "interrupted"),
-    ],
+    [(signal.SIGKILL, -signal.SIGKILL, 3, "it is running, or it was killed"), (signal.SIGINT, 130, 130, "interrupted")],
     ids=["killed", "interrupted"],
 )
 def test_a_gate_that_is_broken_off_leaves_files_that_say_so(

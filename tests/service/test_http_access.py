@@ -44,13 +44,7 @@ class Guarded:
         return secret
 
     def token(self, algorithm: str = "RS256", key: Any = None, **changes: Any) -> str:
-        claims = {
-            "iss": ISSUER,
-            "aud": "tailstack",
-            "exp": IN_2100,
-            "sub": "metrology",
-            "scope": "compute read",
-        }
+        claims = {"iss": ISSUER, "aud": "tailstack", "exp": IN_2100, "sub": "metrology", "scope": "compute read"}
         claims = {name: value for name, value in {**claims, **changes}.items() if value is not None}
         return jwt.encode(claims, key or self.private_key, algorithm=algorithm)
 

@@ -281,10 +281,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker") as (process, url):
         await_ready(url)
         body = {"design": small_design(), "trials": 1000}
-        with (
-            client_of(url) as client,
-            ThreadPoolExecutor(2) as pool,
-        ):
+        with client_of(url) as client, ThreadPoolExecutor(2) as pool:
             job = client.post("/v1/verifications", json=body).json()
             waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=600"})
             begun = Flag()
@@ -295,10 +292,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
             assert waiting.result(timeout=LIMIT_SECONDS).status_code == 202
             assert "event: state" in stream.result(timeout=LIMIT_SECONDS)
         assert process.wait(timeout=LIMIT_SECONDS) == 0
-    with (
-        service(tmp_path) as (process, url),
-        client_of(url) as client,
-    ):
+    with service(tmp_path) as (process, url), client_of(url) as client:
         for job_id in (job["id"], waiting.result().json()["id"]):
             text = client.get(f"/v1/jobs/{job_id}/events").text
             assert '"state":"succeeded"' in text
@@ -313,11 +307,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
         await_ready(url)
         job = ask("POST", url + "/v1/verifications", json=body).json()
         first: list[ServerSentEvent] = []
-        with (
-            suppress(httpx.HTTPError),
-            client_of(url) as client,
-            client.stream("GET", job["links"]["events"]) as r,
-        ):
+        with suppress(httpx.HTTPError), client_of(url) as client, client.stream("GET", job["links"]["events"]) as r:
             for event in read_events(r):
                 first.append(event)
                 if len(first) == 4:

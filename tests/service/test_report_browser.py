@@ -342,9 +342,7 @@ def turn(angle_deg: float) -> Array:
 
 
 @pytest.mark.long
-def test_it_begins_as_the_picture_on_paper_and_turns_by_keys(
-    viewed: Seen,
-) -> None:
+def test_it_begins_as_the_picture_on_paper_and_turns_by_keys(viewed: Seen) -> None:
     """closed form: five degrees a key, as if the scene were pushed that way; z stays up."""
     camera = viewed[1].cameras[0]
     right, up = np.array(camera.right), np.array(camera.up)

@@ -35,10 +35,7 @@ def quieter() -> dict[str, Any]:
     design = copy.deepcopy(limited(0.9, name="quieter"))
     for view in design["views"]:
         view["fiducial_noise_px"] = 0.15
-    design["interfaces"]["structure_connector"]["tolerances"]["tz"] = {
-        "half_width_mm": 0.01,
-        "distribution": "uniform",
-    }
+    design["interfaces"]["structure_connector"]["tolerances"]["tz"] = {"half_width_mm": 0.01, "distribution": "uniform"}
     return design
 
 

@@ -30,12 +30,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
-from tailstack_service.report.charts import (
-    draw_budgets,
-    draw_distribution,
-    draw_shares,
-    draw_tolerances,
-)
+from tailstack_service.report.charts import draw_budgets, draw_distribution, draw_shares, draw_tolerances
 from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.half_widths import tolerance_curves
 from tailstack_service.report.records import ErrorDistribution

@@ -23,15 +23,7 @@ from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
 
-HOSTILE = [
-    "=HYPERLINK(1)",
-    "<script>alert(1)</script>",
-    "a\n\nb: - c",
-    "{{ x }} & y",
-    "'\"`]]>",
-    "|\n  x",
-    " \t\n",
-]
+HOSTILE = ["=HYPERLINK(1)", "<script>alert(1)</script>", "a\n\nb: - c", "{{ x }} & y", "'\"`]]>", "|\n  x", " \t\n"]
 OLD = deepcopy(DEMO)
 OLD["views"][0]["fiducial_noise_px"] = 0.5
 

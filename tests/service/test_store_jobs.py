@@ -11,20 +11,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
-from store_scenes import (
-    LEASE,
-    PROBLEM,
-    Clock,
-    claim,
-    claim_one,
-    find,
-    finish,
-    record,
-    specs,
-    split,
-    split_each,
-    submit,
-)
+from store_scenes import LEASE, PROBLEM, Clock, claim, claim_one, find, finish, record, specs, split, split_each, submit
 
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
 from tailstack_service.jobs.store.database import Database, reading

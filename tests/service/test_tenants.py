@@ -94,10 +94,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         "TAILSTACK_JWT_ISSUER": ISSUER,
         "TAILSTACK_JWT_AUDIENCE": AUDIENCE,
     }
-    with (
-        served(directory, **settings) as service,
-        client_of(service.url) as c,
-    ):
+    with served(directory, **settings) as service, client_of(service.url) as c:
         every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
         keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}
         keys["revoked"] = _key(service, "a", *every)

@@ -175,9 +175,7 @@ def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served)
 
 
 @pytest.mark.long
-def test_the_page_fills_the_window_of_a_laptop_and_the_number_stays_in_sight_at_twice_the_size(
-    service: Served,
-) -> None:
+def test_the_page_fills_the_window_of_a_laptop_and_the_number_stays_in_sight_at_twice_the_size(service: Served) -> None:
     found = led(service, "screen")
     assert found["scrolls"] is False
     assert max(found["windows"]) <= 2  # one scroll of a column to its end

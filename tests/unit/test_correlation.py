@@ -87,11 +87,7 @@ def rows_of(beads: Array, images: Array, aim: Array) -> tuple[Array, float]:
 
 
 def errors_of(
-    document: dict[str, Any],
-    covariances: dict[str, Array],
-    n: int,
-    rng: np.random.Generator,
-    made: Array | None = None,
+    document: dict[str, Any], covariances: dict[str, Array], n: int, rng: np.random.Generator, made: Array | None = None
 ) -> Array:
     """(n, 3) mm: DLT and triangulation by SVD, with jointly normal errors of seats and hand-eye; made (n, N, 3): where
     the beads truly sit in each trial."""
@@ -328,11 +324,7 @@ def test_a_component_without_a_tolerance_goes_with_none():
 
 @pytest.mark.parametrize(
     ("entry", "value", "code"),
-    [
-        ((0, 1), 0.5, "not-a-covariance"),
-        ((2, 2), -1.0, "not-a-covariance"),
-        ((0, 0), 600.0, "out-of-range"),
-    ],
+    [((0, 1), 0.5, "not-a-covariance"), ((2, 2), -1.0, "not-a-covariance"), ((0, 0), 600.0, "out-of-range")],
 )
 def test_a_matrix_that_is_no_covariance_is_refused(entry, value, code):
     matrix = np.eye(6)

@@ -17,12 +17,7 @@ from test_design_refusals import CASES
 from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, replaced
 from scenes import effect_named
 from tailstack import score, verify
-from tailstack.design import (
-    check_design,
-    compile_design,
-    design_json_schema,
-    load_design,
-)
+from tailstack.design import check_design, compile_design, design_json_schema, load_design
 from tailstack.errors import DesignError
 from tailstack.system import Law
 
@@ -248,10 +243,7 @@ def test_a_design_made_from_the_schema_alone():
     points = [[x, y, z] for x in (-40, 40) for y in (-38, 42) for z in (-80, 0)]
     design = {
         **minimal(SCHEMA),
-        "views": [
-            {**preset, "orientation": "AP"},
-            {**preset, "name": "LAT", "orientation": "LAT"},
-        ],
+        "views": [{**preset, "orientation": "AP"}, {**preset, "name": "LAT", "orientation": "LAT"}],
         "fiducials": {"points": [{"position_mm": point} for point in points]},
         "targets": [{**minimal(definitions["TargetDocument"]), "position_mm": [0.0, 0.0, 70.0]}],
         "requirements": [{**minimal(definitions["RequirementDocument"]), "limit_mm": 2.0}],

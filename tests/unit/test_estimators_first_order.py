@@ -29,12 +29,7 @@ from tailstack.estimation.resection import project
 from tailstack.propagation.linear import covariance, estimation_of, estimator_geometry, linearise
 from tailstack.propagation.nonlinearity import least_squares_matrix_gains, matrix_gains
 from tailstack.studies.estimators import study_estimators
-from tailstack.system import (
-    Estimator,
-    Reading,
-    System,
-    Triangulation,
-)
+from tailstack.system import Estimator, Reading, System, Triangulation
 from tailstack.tail.gaussian import norm_quantile
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "estimators.json").read_text())

@@ -151,11 +151,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
                 "translation_mm": list(scene.tool_shift_mm),
             }
         },
-        "model": {
-            "estimator": "pose",
-            "triangulation": scene.triangulation,
-            "installation_reading": scene.reading,
-        },
+        "model": {"estimator": "pose", "triangulation": scene.triangulation, "installation_reading": scene.reading},
     }
     if scene.made_mm:
         document["fiducials"]["manufacturing"] = {"half_width_mm": scene.made_mm, "distribution": "uniform"}

@@ -41,15 +41,7 @@ from tailstack.effects.temperature import temperature
 from tailstack.propagation.linear import chain_of, linearise_all
 from tailstack.propagation.validity import COUNTED, level_of
 from tailstack.scoring import score, trust_of
-from tailstack.system import (
-    Estimator,
-    Law,
-    Reading,
-    Sources,
-    System,
-    Triangulation,
-    View,
-)
+from tailstack.system import Estimator, Law, Reading, Sources, System, Triangulation, View
 from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.schemas import read_record

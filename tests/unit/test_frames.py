@@ -124,10 +124,7 @@ def test_a_line_of_the_scene_of_the_beads_is_a_trajectory_in_con(tmp_path: Path)
     """closed_form: the design that states its two targets, to its hash."""
     found = planned(tmp_path, {"file": "line.mrk.json", "line": "L4", "as_fiducials": True})
     first, last = ENDS.tolist()
-    stated = [
-        {"name": "L4", "position_mm": last, "entry": "L4 entry"},
-        {"name": "L4 entry", "position_mm": first},
-    ]
+    stated = [{"name": "L4", "position_mm": last, "entry": "L4 entry"}, {"name": "L4 entry", "position_mm": first}]
     assert found.sha256 == load_design(DEMO | {"targets": stated}).sha256
     assert load_design(design_to_data(found)).sha256 == found.sha256
     said = [note for note in score(found).provenance.notes if note.startswith("line.mrk.json")]

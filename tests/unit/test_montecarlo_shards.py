@@ -36,13 +36,7 @@ from tailstack.montecarlo.shards import (
 from tailstack.montecarlo.simulate import Run, Samples, Simulation, simulate
 from tailstack.montecarlo.tails import Tail
 from tailstack.system import Law, Requirement
-from tailstack.verification import (
-    Sampling,
-    UnitsTask,
-    prepare,
-    unit_quantiles,
-    verify_prepared,
-)
+from tailstack.verification import Sampling, UnitsTask, prepare, unit_quantiles, verify_prepared
 
 LIMITS = (0.2, inf)
 

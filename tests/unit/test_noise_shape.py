@@ -19,10 +19,7 @@ from tailstack.design import Design, compile_design
 from tailstack.estimation.least_squares import weights_at_rest
 from tailstack.propagation.linear import linearise
 
-SHAPES = {
-    "fiducial_noise_shape": [[1.8, 0.45], [0.45, 0.2]],
-    "target_noise_shape": [[0.3, -0.5], [-0.5, 1.7]],
-}
+SHAPES = {"fiducial_noise_shape": [[1.8, 0.45], [0.45, 0.2]], "target_noise_shape": [[0.3, -0.5], [-0.5, 1.7]]}
 
 
 def shaped(data: dict[str, Any] = DEMO, shapes: dict[str, Any] = SHAPES, **model: str) -> Design:

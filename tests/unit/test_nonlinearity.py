@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from scenes import (
-    cube8_system,
-    effect_named,
-    mount,
-    projection_looking,
-    random_system,
-    read_only,
-    target,
-    with_effects,
-)
+from scenes import cube8_system, effect_named, mount, projection_looking, random_system, read_only, target, with_effects
 from tailstack.design.compile import torsor_from_locators
 from tailstack.effects.motion import motion
 from tailstack.geometry.rotation import displacement

@@ -121,13 +121,7 @@ def test_one_tolerance_by_hand():
     """closed form: without noise the law is on a line, and 1.96 standard deviations are the limit."""
     for price in (reciprocal(7.0), Price("power", 2.0, 1.7), Price("exponential", 3.0, scale=0.004)):
         found = allocate(
-            np.zeros((3, 3)),
-            np.array([[0, 165.0, 0]]),
-            [price],
-            np.array([0.5]),
-            2.0,
-            lower=0,
-            upper=np.inf,
+            np.zeros((3, 3)), np.array([[0, 165.0, 0]]), [price], np.array([0.5]), 2.0, lower=0, upper=np.inf
         )
         expected = 2.0 / (0.5 * 165 * sqrt(ONE))
         assert found.half_width[0] == pytest.approx(expected, rel=1e-7)

@@ -11,13 +11,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from optimise_scenes import (
-    fixed_layout,
-    general_problem,
-    oracle_problem,
-    places_in_box,
-    requirement,
-)
+from optimise_scenes import fixed_layout, general_problem, oracle_problem, places_in_box, requirement
 from scenes import cube_fiducials, mount
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array

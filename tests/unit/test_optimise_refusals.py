@@ -168,10 +168,7 @@ def test_each_region_is_refused_at_its_own_pointer() -> None:
     )
     problems = problems_of(refuse_contradictions, oracle_problem(places=places), error=DesignError)
     found = [(problem.pointer, problem.code) for problem in problems]
-    assert found == [
-        ("/optimise/min_spacing_mm", "does-not-fit"),
-        ("/optimise/regions/3", "outside-view"),
-    ]
+    assert found == [("/optimise/min_spacing_mm", "does-not-fit"), ("/optimise/regions/3", "outside-view")]
 
 
 @pytest.mark.parametrize(

@@ -307,9 +307,7 @@ def locators_with(**section: Any) -> dict[str, Any]:
 def test_locators_as_tolerances() -> None:
     """independent: cost by hand, P95 by the score of the document."""
     names = ("A1", "A2", "A3", "B1", "B2", "C1")
-    data = locators_with(
-        tolerances=[free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names],
-    )
+    data = locators_with(tolerances=[free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names])
     result = optimised(data)
     widths = {item.component: item.after_half_width for item in result.tolerances}
     assert widths == pytest.approx(

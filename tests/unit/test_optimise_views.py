@@ -285,9 +285,7 @@ def test_a_search_that_is_stopped_before_the_view_was_tried_says_so() -> None:
         asked.append(stage)
 
     found = optimise(
-        load_design(with_views(poor(), OBLIQUE | {"price": 1.0})),
-        progress=follow,
-        stop=lambda: next(stops, True),
+        load_design(with_views(poor(), OBLIQUE | {"price": 1.0})), progress=follow, stop=lambda: next(stops, True)
     )
     offer = offer_of(found)
     assert not offer.added

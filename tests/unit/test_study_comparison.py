@@ -31,15 +31,7 @@ from tailstack.studies.bench.levels import (
     share_draws,
     simulate_benches,
 )
-from tailstack.studies.bench.statistics import (
-    departure,
-    distance,
-    holm,
-    moments_of,
-    p_value,
-    pooled_sd,
-    tail_mean,
-)
+from tailstack.studies.bench.statistics import departure, distance, holm, moments_of, p_value, pooled_sd, tail_mean
 from tailstack.system import Law, System
 
 HALF = np.array([np.deg2rad(0.1)] * 3 + [0.05] * 3)

@@ -266,10 +266,7 @@ RUBBISH = {
     "no STL": (b"\x89PNG\r\n\x1a\n" + bytes(200), "stl-length"),
     "text cut": (text(box())[:400], "stl-syntax"),
     "a comma": (text(box()).replace(b"45.0", b"45,0"), "wrong-type"),
-    "too many": (
-        b"part".ljust(80) + (MOST_TRIANGLES + 1).to_bytes(4, "little") + bytes(50),
-        "too-many",
-    ),
+    "too many": (b"part".ljust(80) + (MOST_TRIANGLES + 1).to_bytes(4, "little") + bytes(50), "too-many"),
 }
 
 

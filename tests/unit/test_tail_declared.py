@@ -37,14 +37,7 @@ from tailstack.tail.declared import (
     law_summary,
     solve_on_axes,
 )
-from tailstack.tail.gaussian import (
-    norm_cdf,
-    norm_cvar,
-    norm_gradient_jit,
-    norm_mean,
-    norm_quantile,
-    norm_sf,
-)
+from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
 from tailstack.tail.lattice import (
     LOG_SINC,
     Accuracy,

@@ -93,11 +93,7 @@ def test_closed_forms_of_a_bias_across_one_axis_and_of_the_mean():
 @pytest.mark.parametrize("p", [1e-3, 0.6, 1 - 1e-6])
 @pytest.mark.parametrize(
     ("m", "variances"),
-    [
-        ((1000.0, 3.0, 0.0), (1.0, 0.2, 0.0)),
-        ((0.0, 30.0, 0.0), (1.0, 1e-3, 0.0)),
-        ((0.02, 0.5, 0.0), (1.0, 1e-6, 0.0)),
-    ],
+    [((1000.0, 3.0, 0.0), (1.0, 0.2, 0.0)), ((0.0, 30.0, 0.0), (1.0, 1e-3, 0.0)), ((0.02, 0.5, 0.0), (1.0, 1e-6, 0.0))],
 )
 def test_singular_and_sharp_laws_in_high_precision(p, m, variances):
     """Independent: rank two with all scale ratios, one mpmath integral of the other axis's exact probability."""
