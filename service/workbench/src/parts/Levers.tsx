@@ -5,6 +5,7 @@ import { answer, current, refused, type Score, send } from "../api";
 import { answering, estimated, known, standing } from "../readings";
 import { design, gesture, type Json } from "../state";
 import { mm, sign } from "../words";
+import { pulling } from "./Limit";
 
 type Lever = NonNullable<Score["levers"]>[number];
 
@@ -19,7 +20,7 @@ effect(() => {
 });
 effect(() => {
   const data = design.value, allowed = data?.optimise, places = allowed?.box || allowed?.region || allowed?.regions, adds = Array.isArray(allowed?.views) && allowed.views.some((each: Json) => each?.add);
-  if (!(places || adds) || !current.value || refused.value || gesture.value.length || held.value?.design !== data || found.peek()?.design === data) return;
+  if (!(places || adds) || !current.value || refused.value || gesture.value.length || pulling.value || held.value?.design !== data || found.peek()?.design === data) return;
   const stop = new AbortController();
   const timer = window.setTimeout(async () => {
     searching.value = true;

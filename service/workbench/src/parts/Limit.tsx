@@ -97,6 +97,7 @@ interface Drag {
   done: { what: string; within: number } | null; // it was let go
 }
 const drag = signal<Drag | null>(null);
+export const pulling = computed(() => drag.value !== null);
 
 /** The check that the handles are of, by estimate: of what is dragged, else of what decides among what has a size. */
 const judged = computed(() => {
