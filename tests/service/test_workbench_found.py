@@ -86,7 +86,7 @@ def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_a
     # of what was dragged: the seats' own errors are as they were, whatever their shares
     assert found["moved"] > 0.001
     assert all(kind == "delta" for _, kind, _ in found["deltas"] if kind)
-    changed = {name for name, _, words in found["deltas"] if words}
+    changed = {name.partition(" per ")[0] for name, _, words in found["deltas"] if words}  # unit, mounting or shot
     assert changed <= {"fiducial noise, AP", "fiducial noise, LAT", "fiducial manufacturing"}
     assert changed
     assert found["limit"] == 0.3

@@ -164,16 +164,6 @@ def entered(length_mm: float = 30.0, **requirement: Any) -> dict[str, Any]:
     return data
 
 
-def test_radial_sampling_knows_an_angle() -> None:
-    """Intervals of 95 % of two seeds that do not meet would be a defect in all but 1 of 1,000 pairs."""
-    design = load_design(entered())
-    plain, rays = verify(design, trials=20_000, seed=7), verify(design, seed=1, method="radial")
-    (low, high), (least, most) = (each.measures[-1].p95_interval or (0.0, inf) for each in (plain, rays))
-    assert low < most
-    assert least < high
-    assert "trajectory entry to tip: both ends share all that is drawn" in plain.provenance.notes[-1]
-
-
 def test_an_angle_where_fiducials_are_missed_is_that_of_all_shots() -> None:
     """The full chain, its interval of 95 % widened to 99.9 %, and by 3 % for what first order leaves out."""
     data = entered()

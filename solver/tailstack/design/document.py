@@ -88,11 +88,8 @@ from ..ranges import (
 from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
-<<<<<<< HEAD
 from .bead_noise import BeadNoise
-=======
 from .features import Feature, refuse_overheld
->>>>>>> 02907860 (wip)
 from .optimise_document import Optimise
 from .pose import Transform
 from .presets import PRESETS

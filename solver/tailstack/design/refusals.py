@@ -22,17 +22,9 @@ from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {
-<<<<<<< HEAD
-    **VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None, "<noise>": BeadNoise, "<number>": None,
+    **VIEW_KINDS, **FREE_VIEW_KINDS, **FEATURE_KINDS, "<pose>": Pose, "<matrix>": None, "<noise>": BeadNoise,
+    "<number>": None,
 }  # fmt: skip
-=======
-    **VIEW_KINDS,
-    **FREE_VIEW_KINDS,
-    **FEATURE_KINDS,
-    "<pose>": Pose,
-    "<matrix>": None,
-}
->>>>>>> 02907860 (wip)
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",

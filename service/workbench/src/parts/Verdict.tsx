@@ -72,8 +72,8 @@ export function Verdict() {
         )}
       </div>
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
-      {reading && <Limit />}
       <Acts />
+      {reading && <Limit />}
       <History />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
