@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 METHODS = ("get", "put", "post", "delete", "options", "head", "patch", "trace")
 PROBLEM = "application/problem+json"
 SNAKE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
-UNIT = re.compile(r"_(mm2?|mm_per_n|per_m|deg|px|n|k|um_per_m_k|s|seconds|percent|bytes|per_unit)\Z")
+UNIT = re.compile(r"_(mm2?|mm_per_n|kg|nm_per_rad|per_m|deg|px|n|k|um_per_m_k|s|seconds|percent|bytes|per_unit)\Z")
 
 # What a status obliges to say in headers, whatever the operation.
 HEADERS = {
@@ -43,7 +43,7 @@ COUNTS = frozenset(
      "trials_without_answer", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
+    {"along", "axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
      "confidence", "contrast", "corridor_major_direction", "coverage_factor", "direction",
      "error_rate", "exceedance_probability", "extrapolation",
      "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction",
@@ -53,7 +53,7 @@ RATIOS = frozenset(
      "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
      "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability", "snr",
-     "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up_direction",
+     "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up", "up_direction",
      "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices

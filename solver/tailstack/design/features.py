@@ -63,7 +63,7 @@ class Part(NamedTuple):
     weights: Array
 
 
-class Item(NamedTuple):
+class FeatureItem(NamedTuple):
     """What a drawing states once, and the independent scalars that it becomes."""
 
     name: str
@@ -145,7 +145,7 @@ class _Feature(Record):
         """Point and normal of each motion that it holds, in con."""
         raise NotImplementedError
 
-    def items(self) -> Iterator[Item]:
+    def items(self) -> Iterator[FeatureItem]:
         """What it states, and what that does at its contacts, in their order."""
         raise NotImplementedError
 
@@ -188,7 +188,8 @@ class Pad(_Feature):
     @model_validator(mode="after")
     def _one_zone(self) -> Self:
         if (self.flatness_mm is None) == (self.parallelism_mm is None):
-            raise refusal("one-of", "give exactly one of flatness_mm and parallelism_mm", "flatness_mm: 0.02")
+            cure = "flatness_mm: 0.02" if self.flatness_mm is None else "leave one of them out"
+            raise refusal("one-of", "give exactly one of flatness_mm and parallelism_mm", cure)
         _ordered(self.height_mm, "height_mm")
         return self
 
@@ -205,12 +206,12 @@ class Pad(_Feature):
         a, b = self.size_mm
         return [(self.at(x, y), self.frame[2]) for x, y in ((0.0, 0.0), (a / 2, b / 2), (a / 2, -b / 2))]
 
-    def items(self) -> Iterator[Item]:
+    def items(self) -> Iterator[FeatureItem]:
         name, t = self._zone
         corners = np.eye(3)[1:]
-        yield Item(name, tuple(Part(self.distribution, t / 2, corner) for corner in corners))
+        yield FeatureItem(name, tuple(Part(self.distribution, t / 2, corner) for corner in corners))
         if self.height_mm is not None:
-            yield Item("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(3)),))
+            yield FeatureItem("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(3)),))
 
     @property
     def offset(self) -> Array:
@@ -262,7 +263,8 @@ class FittedFeature(_Feature):
     def _fits(self) -> Self:
         sizes = self.hole_mm is not None, self.pin_mm is not None
         if (self.fit is not None) == any(sizes) or any(sizes) != all(sizes):
-            raise refusal("one-of", "give fit, or hole_mm and pin_mm together", "fit: H7/g6")
+            cure = "leave out hole_mm and pin_mm" if self.fit is not None else "fit: H7/g6"
+            raise refusal("one-of", "give fit, or hole_mm and pin_mm together", cure)
         _ordered(self.hole_mm, "hole_mm")
         _ordered(self.pin_mm, "pin_mm")
         try:
@@ -302,10 +304,10 @@ class FittedFeature(_Feature):
         bonus = self.limits[0].width if self.at_maximum_material else 0.0
         return t + bonus, (t + bonus / 2) ** 2 + bonus**2 / 12
 
-    def items(self) -> Iterator[Item]:
-        yield Item("fit", tuple(self._parts(*self.clearance, self._clearance_over)))
+    def items(self) -> Iterator[FeatureItem]:
+        yield FeatureItem("fit", tuple(self._parts(*self.clearance, self._clearance_over)))
         if self.position_zone_mm:
-            yield Item("position", tuple(self._parts(*self.zone, 16)))
+            yield FeatureItem("position", tuple(self._parts(*self.zone, 16)))
 
     def _parts(self, largest: float, square: float, over: int) -> Iterator[Part]:
         yield from _round_parts(self.distribution, largest / 2, sqrt(square / over), self._rounds)
@@ -397,8 +399,8 @@ class Vee(_Feature):
         _, y, z = self.frame
         return [(self.at(0.0, 0.0), (z + side * y) / sqrt(2)) for side in (1, -1)]
 
-    def items(self) -> Iterator[Item]:
-        yield Item("profile", tuple(Part(self.distribution, self.profile_mm / 2, flank) for flank in np.eye(2)))
+    def items(self) -> Iterator[FeatureItem]:
+        yield FeatureItem("profile", tuple(Part(self.distribution, self.profile_mm / 2, flank) for flank in np.eye(2)))
 
     def stated(self) -> Iterator[Stated]:
         yield Stated("profile", "profile_mm", self.profile_mm / 2)
@@ -408,7 +410,7 @@ class Vee(_Feature):
         return f"vee: profile {self.profile_mm:g}"
 
 
-class Rest(_Feature):
+class RestPoint(_Feature):
     """A small face or a stop: holds one motion, along its normal."""
 
     kind: Literal["rest"] = Field(description="rest: a stop, holds one motion.", examples=["rest"])
@@ -425,8 +427,8 @@ class Rest(_Feature):
     def contacts(self) -> list[tuple[Array, Array]]:
         return [(self.at(0.0, 0.0), self.frame[2])]
 
-    def items(self) -> Iterator[Item]:
-        yield Item("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(1)),))
+    def items(self) -> Iterator[FeatureItem]:
+        yield FeatureItem("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(1)),))
 
     @property
     def offset(self) -> Array:
@@ -440,7 +442,7 @@ class Rest(_Feature):
         return f"rest: height {_say(Deviations(*self.height_mm))}"
 
 
-FEATURES: tuple[type[_Feature], ...] = (Pad, PinInHole, PinInSlot, Spigot, Vee, Rest)
+FEATURES: tuple[type[_Feature], ...] = (Pad, PinInHole, PinInSlot, Spigot, Vee, RestPoint)
 FEATURE_KINDS = {f"<{kind.model_fields['kind'].examples[0]}>": kind for kind in FEATURES}  # type: ignore[index]
 
 
@@ -457,7 +459,7 @@ Feature = Annotated[
     | Annotated[PinInSlot, Tag("<pin_in_slot>")]
     | Annotated[Spigot, Tag("<spigot>")]
     | Annotated[Vee, Tag("<vee>")]
-    | Annotated[Rest, Tag("<rest>")],
+    | Annotated[RestPoint, Tag("<rest>")],
     Discriminator(
         _kind_of,
         custom_error_type="feature-kind",

@@ -53,7 +53,9 @@ class DhJoint(Record):
 
     name: Name | None = Field(default=None, description="Name; default J1, J2, ... by position.", examples=["elbow"])
     type: Literal["revolute", "prismatic"] = Field(
-        default="revolute", description="revolute: it turns, theta is its value; prismatic: it slides, d is."
+        default="revolute",
+        description="Whether it turns (theta is its value) or slides (d is). Default revolute.",
+        examples=["revolute"],
     )
     a_mm: _Length = Field(default=0.0, description="a, mm. Default 0.", examples=[-425.0])
     alpha_deg: _Turn = Field(default=0.0, description="alpha, degrees. Default 0.", examples=[90.0])
