@@ -128,7 +128,7 @@ def test_the_terminal_and_the_page_tell_it_in_its_unit(copy: subprocess.Popen[st
     assert "straight at tip to entry: beyond the limit." in " ".join(verified)
     (row,) = {k for k, line in enumerate(verified) if line == "the angle of the axis, tip to entry"}
     assert verified[row + 1].startswith(f"{told['p95']:.3f}")
-    assert verified[row + 1].endswith(" deg")
+    assert verified[row + 1].endswith("°")
     assert found["choices"] == [
         [{"path": ["requirements", 0, "limit_mm"]}, {"path": ["requirements", 0, "limit_deg"], "value": 1}],
         [],
