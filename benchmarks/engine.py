@@ -19,13 +19,18 @@ from scipy.linalg import rq
 import operations
 from bench import ROOT, Figure, Findings, interleave, watch_load
 from scenes import cios_system, read_only
+from tailstack.contributors import declared_law
 from tailstack.estimation.resection import homogeneous
 from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.chain import draw, run_indices
+from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.lanes import WIDTH
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
+from tailstack.montecarlo.radial import LinearChain, gains_in_plan_order, radial
 from tailstack.montecarlo.simulate import simulate
+from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, System, View
+from tailstack.tail.declared import law_exceedance, law_quantile
 
 DEVIATES = 64
 LEAST_SQUARES = {Estimator.POSE: 60, Estimator.POSE_WITH_PRIOR: 45, Estimator.REPROJECTION: 45}  # their musts
@@ -368,6 +373,48 @@ def threads() -> Findings:
     rounds = interleave({"one": job(1), "two": job(2)})
     return Findings([rounds.ratio("one", "two", wall=True)], rounds.foreign,
                     [Figure("trials a second, two threads", 1e-6 / median(rounds.wall["two"]), "M/s")])  # fmt: skip
+
+
+def precision() -> Findings:
+    """Time to P95 with an interval, both to the half-width that the radial estimate reaches, which is below 1 %.
+
+    The half-width of plain sampling falls with the root of the trials: its time is scaled by the square of the
+    quotient of half-widths.
+    """
+    system = cios_system()
+    plan = compile_plan(system)
+    model = linearise(system, system.targets[0])
+    law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
+    first = law_quantile(law, 0.95)
+    linear = LinearChain(
+        model.bias_mm("tcp"), gains_in_plan_order(plan, model.blocks, (0,), "tcp"), lambda r: law_exceedance(law, r),
+        first.quantile_mm, first.density,
+    )  # fmt: skip
+    halves: dict[str, list[float]] = {"radial": [], "plain": []}
+
+    def note(name: str, value: float, interval: tuple[float, float]) -> int:
+        halves[name].append((interval[1] - interval[0]) / (2 * value))
+        return 1
+
+    def by_rays() -> int:
+        estimate = radial(plan, linear, seed=5 + len(halves["radial"]))
+        return note("radial", estimate.value_mm, estimate.interval_mm)
+
+    def by_trials() -> int:
+        samples = simulate(plan, trials=2**15, seed=5 + len(halves["plain"]), threads=1)
+        estimate = quantile_estimate(samples, 0, "tcp", 0.95)
+        return note("plain", estimate.value_mm, estimate.interval_mm)
+
+    by_rays()
+    by_trials()
+    rounds = interleave({"radial": by_rays, "plain": by_trials}, 21)
+    reached = {name: median(values) for name, values in halves.items()}
+    ratio = rounds.ratio("plain", "radial") * (reached["plain"] / reached["radial"]) ** 2
+    to_one_percent = rounds.ratio("plain", "radial") * (reached["plain"] / 0.01) ** 2
+    figures = [Figure("plain Monte Carlo to ± 1 % against that radial estimate", to_one_percent, "×")]
+    figures += [Figure(f"CPU time, {name}", 1e3 * median(rounds.cpu[name]), "ms") for name in halves]
+    figures += [Figure(f"half-width of the interval, {name}", 100 * half, "%") for name, half in reached.items()]
+    return Findings([ratio], rounds.foreign, figures)
 
 
 MEMORY = """

@@ -33,6 +33,9 @@ MEASUREMENTS: dict[str, Measurement] = {
         Target("largest relative difference from SVD on unflagged trials", 1e-9, 5e-12, "", "<"),
     ), timed=False),
     "threads": Measurement(engine.threads, (Target("two threads against one", 1.7, 1.9),)),
+    "precision": Measurement(engine.precision, (
+        Target("P95 ± 1 % with its interval: plain Monte Carlo against radial conditional", 8, 40),
+    )),
     "first-order": Measurement(scores.first_order, (
         Target("first-order covariance + exact P95, one target: against a trial of batched SVD", 1, 0.1, "×", "<"),
         Target("score() of the demo with budget and losses: against a trial of batched SVD", 60, 25, "×", "<"),

@@ -17,11 +17,11 @@ from tailstack.design import check_design, load_design
 from tailstack.effects import EFFECTS
 from tailstack.montecarlo.chain import draw, run_indices
 from tailstack.montecarlo.plan import compile_plan
+from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import COUNTED, LEVELS, error_percent
 from tailstack.results import Check
 from tailstack.scoring import trust_of
-from tailstack.studies.linearity import gains_in_plan_order
 from tailstack.system import Estimator, System
 from tailstack.tail.declared import law_quantile
 from tailstack_service.gate.case import compare_numbers
@@ -55,7 +55,7 @@ def paired_errors(
     """
     model, ends = linearise(system, system.targets[0]), ends or {}
     plan = compile_plan(system, vertex=ends)
-    gains = np.vstack([gains_in_plan_order(plan, model, error) for error in ERRORS])
+    gains = np.vstack([gains_in_plan_order(plan, model.blocks, (0,), error) for error in ERRORS])
     means = np.concatenate([mean_at(model, error, ends) for error in ERRORS])[:, None]
     chain, linear, redone = np.empty((2, trials)), np.empty((2, trials)), 0
     for start in range(0, trials, BATCH):

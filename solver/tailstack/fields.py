@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import combinations
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
@@ -107,10 +106,9 @@ def exactly_one(first: str, second: str, words: str = "give", neither: str = "")
     return ConfigDict(json_schema_extra=schema), model_validator(mode="after")(check)
 
 
-def not_both(*fields: str) -> Any:
-    """JSON Schema: fields exclude each other, pair by pair."""
-    pairs = [{"required": list(pair)} for pair in combinations(fields, 2)]
-    return {"not": pairs[0] if len(pairs) == 1 else {"anyOf": pairs}}
+def not_both(first: str, second: str) -> Any:
+    """JSON Schema: two fields exclude each other."""
+    return {"not": {"required": [first, second]}}
 
 
 def one_of(kind: type[StrEnum]) -> Any:

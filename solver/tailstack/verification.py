@@ -12,11 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, inf
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from .contributors import WorstCase, declared_law, value_of, worst_case, worst_vertices
+from .contributors import WorstCase, declared_law, mean_at, value_of, worst_case, worst_vertices
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
@@ -39,6 +39,7 @@ from .montecarlo.estimators import (
     quantile_estimate,
 )
 from .montecarlo.plan import ChainPlan, compile_plan
+from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
 from .montecarlo.simulate import Progress, Run, Samples, Simulation
 from .montecarlo.stopping import (
@@ -67,15 +68,18 @@ from .results.quality import ppk_of
 from .results.verdicts import BREACHES_MM, P95, Breach
 from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
-from .tail.declared import MixedLaw
+from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
 UNITS_PER_BATCH = 32
+MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
+RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
 LEAST_SQUARES_LANES = "Gauss-Newton for {}, eight lanes (numba); trials that did not converge are recomputed by QR"
 GAP = 0.03  # first order further than this from the check is remarked
 
+Method = Literal["plain", "radial"]
 Key = tuple[str, str]  # target, error
 Vertex = tuple[tuple[str, float], ...]
 T = TypeVar("T")
@@ -88,6 +92,7 @@ def verify(
     trials: int | None = None,
     precision: float | None = None,
     seed: int = 0,
+    method: Method = "plain",
     threads: int | None = None,
     max_trials: int = MAX_TRIALS,
     progress: Progress | None = None,
@@ -95,13 +100,15 @@ def verify(
     """Check a design by Monte Carlo on the full nonlinear chain.
 
     ``trials`` draws exactly so many; otherwise trials are drawn until every interval's relative half-width is
-    at most ``precision`` (default 0.005) *and* every requirement is decided, up to ``max_trials``.  Same seed, same
-    digits, whatever ``threads``.  Bounded components stand at the vertex that the linear model finds worst; where it
-    cannot tell several apart, all of them are run and the largest of what they give is told.
+    at most ``precision`` (default 0.005) *and* every requirement is decided, up to ``max_trials``.  ``method="radial"``
+    takes the quantiles from radial conditional sampling (far fewer evaluations; refused where a ray crosses
+    twice) to ``precision``, if given, and the rest from ``trials`` plain ones.  Same seed, same digits, whatever
+    ``threads``.  Bounded components stand at the vertex that the linear model finds worst; where it cannot tell several
+    apart, all of them are run and the largest of what they give is told.
 
     Raises DesignError, IllPosedError, OutOfRangeError.
     """
-    sampling = Sampling(trials, precision, seed, max_trials)
+    sampling = Sampling(trials, precision, seed, method, max_trials)
     return verify_prepared(prepare(design), sampling, threads=threads, progress=progress)
 
 
@@ -133,6 +140,7 @@ class Sampling:
     trials: int | None = None
     precision: float | None = None
     seed: int = 0
+    method: Method = "plain"
     max_trials: int = MAX_TRIALS
     sequential: bool = False  # only until every requirement and question is decided, not to a precision
     questions: tuple[
@@ -254,12 +262,25 @@ class UnitsTask:
     level: Drawn = Drawn.UNIT  # what is read by itself
 
 
+@dataclass(frozen=True, slots=True)
+class RadialTask:
+    """A quantile by radial conditional sampling at one vertex."""
+
+    target: str
+    error: str
+    quantile: float
+    seed: int
+    vertex: Vertex = ()
+    precision: float | None = None  # relative half-width of its interval; None: that of the fewest rays
+
+
 class Sampler(Protocol):
     """Where the parts of a check come from.  Each may raise Pending for what is not there yet; ``verify_prepared`` is
     then called again once it is."""
 
     def shards(self, task: TrialsTask) -> Iterable[Shard]: ...
     def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units,) mm
+    def radial(self, task: RadialTask) -> RadialEstimate: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +302,9 @@ class LocalSampler:
         with ThreadPoolExecutor(self.workers) as pool:
             return np.concatenate(list(pool.map(lambda first: unit_quantiles(task, first, UNITS_PER_BATCH), batches)))
 
+    def radial(self, task: RadialTask) -> RadialEstimate:
+        return radial_estimate(self.ready, task)
+
 
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
@@ -290,6 +314,42 @@ def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     errors = measure_errors(task.plan.system, outcome.errors)[k]
     norms = norms_of(errors, site.is_one_sided).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
+
+
+def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
+    """One quantile by radial conditional sampling, with the linear model as its control.  Raises OutOfRangeError."""
+    system, plan, key = ready.system, ready.plans[task.vertex], (task.target, task.error)
+    names, model = [target.name for target in system.targets], ready.every[key]
+    metric = next(k for k, each in enumerate(system.metrics) if each.key == key)
+    if MEASURE[task.error].paired or MEASURE[task.error].side:
+        number = "one side of a number" if MEASURE[task.error].side else "the length of the longer of two vectors"
+        detail = f"{MEASURE[task.error].words} is {number}, which no ray shows"
+        raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
+    targets = [names.index(name) for name in system.metrics[metric].site.weights]
+    mean = mean_at(model, task.error, dict(task.vertex))
+    law, _ = declared_law(model, task.error, mean)
+    first = law_quantile(law, task.quantile)
+    linear = LinearChain(
+        mean=mean,
+        gain=gains_in_plan_order(plan, model.blocks, targets, task.error),
+        exceedance=partial(law_exceedance, law),
+        quantile_mm=first.quantile_mm,
+        density_per_mm=first.density,
+    )
+    rays, most = RAYS, MOST_DEVIATES // (RANDOMISATIONS * plan.dimension)
+    while True:
+        estimate = radial(
+            plan,
+            linear,
+            metric=metric,
+            quantile=task.quantile,
+            seed=task.seed,
+            confidence=ready.confidence_at_each,
+            rays=rays,
+        )
+        if task.precision is None or estimate.found.relative_half_width <= task.precision or 4 * rays > most:
+            return estimate
+        rays *= 4
 
 
 # --- sampling ------------------------------------------------------------------------------------------------------
@@ -363,6 +423,8 @@ def gather_both(first: Callable[[], T], second: Callable[[], U]) -> tuple[T, U]:
 
 
 def _sample(work: Work) -> SampledDesign:
+    if work.sampling.method == "radial":
+        return _sample_radially(work)
     if work.sampling.trials is not None:
         return _sample_trials(work, work.sampling.trials)
     return _sample_to_decision(work) if work.sampling.sequential else _sample_to_precision(work)
@@ -438,6 +500,31 @@ def _sample_to_decision(work: Work) -> SampledDesign:
     )
     samples = {vertex: run.samples for vertex, run in by_vertex.items()}
     return SampledDesign(samples, confidence, stopping, reached, quantiles, runs[0].level)
+
+
+def _sample_radially(work: Work) -> SampledDesign:
+    ready, sampling = work.ready, work.sampling
+    tasks = [
+        RadialTask(name, error, quantile, sampling.seed, vertex, sampling.precision)
+        for name, error, quantile in ready.quantiles
+        for vertex in ready.vertices[name, error]
+    ]
+    trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
+    radially = [partial(work.sampler.radial, task) for task in tasks]
+    samples, estimates = gather_both(partial(work.simulate, trials), partial(gather, radially))
+    at_each: dict[tuple[str, str, float], list[QuantileEstimate]] = {}
+    for task, estimate in zip(tasks, estimates, strict=True):
+        at_each.setdefault((task.target, task.error, task.quantile), []).append(estimate.found)
+    quantiles = {key: take_largest(several) for key, several in at_each.items()}
+    reached = max(found.relative_half_width for found in quantiles.values())
+    short = ""
+    if sampling.precision is not None and reached > sampling.precision:
+        short = f", as many as are drawn, short of the ±{100 * sampling.precision:g} % requested"
+    stopping = (
+        f"Quantiles by radial conditional sampling with {sum(estimate.evaluations for estimate in estimates)} "
+        f"evaluations of the chain{short}; moments, CVaR, worst case and exceedance from {trials} plain trials."
+    )
+    return SampledDesign(samples, ready.confidence_at_each, stopping, reached, quantiles)
 
 
 def _sample_units(work: Work) -> UnitQuantiles:
@@ -525,15 +612,16 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
     drawn = _count_losses(ready, sampled)
     targets = tuple(_estimate_target(ready, sampled, target.name) for target in ready.system.targets)
     worst = max(targets, key=lambda target: target.p95_mm)
-    plain = sampling.trials is None and not sampling.sequential
+    plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
     basis = basis_of("Monte Carlo", ready.system)
+    radial_precision = sampling.precision if sampling.method == "radial" else None
     return Verification(
         schema="tailstack/verification/1",
         seed=sampling.seed,
         trials=max(sample.trials for sample in sampled.samples.values()),
-        method="plain",
+        method=sampling.method,
         engine=_name_engine(ready.system),
-        precision_requested=sampling.precision or PRECISION if plain else None,
+        precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=sampled.precision_reached,
         stopping=sampled.stopping + _explain_vertices(ready),

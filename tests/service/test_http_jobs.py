@@ -126,7 +126,7 @@ def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     ("asked", "options"),
     [
-        ("/v1/verifications?trials=3000&seed=5", {"trials": 3000, "seed": 5}),
+        ("/v1/verifications?trials=3000&seed=5&method=plain", {"trials": 3000, "seed": 5, "method": "plain"}),
         ("/v1/sweeps?set=views.AP.fiducial_noise_px=0.1,0.2,0.3",
          {"axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.3]}]}),
     ],

@@ -476,7 +476,8 @@ def test_a_check_that_may_draw_more_than_the_operator_allows_is_refused(
 
 
 def test_what_draws_to_no_precision_is_not_held_to_the_default(bounded: httpx.Client) -> None:
-    assert bounded.post("/v1/verifications", json={"design": small_design(), "trials": 5000}).status_code == 202
+    for body in ({"trials": 5000}, {"method": "radial"}):
+        assert bounded.post("/v1/verifications", json={"design": small_design(), **body}).status_code == 202
     parts = {"design": small_design(), "parts": ["score"]}
     assert bounded.post("/v1/reports", json=parts).status_code == 202
 

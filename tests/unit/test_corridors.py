@@ -12,7 +12,7 @@ import yaml
 
 from tailstack import load_design, score, score_batch, verify
 from tailstack.design import compile_design
-from tailstack.errors import DesignError
+from tailstack.errors import DesignError, TailstackError
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation import optimise
@@ -325,6 +325,8 @@ def test_what_a_corridor_cannot_have_is_refused_or_said() -> None:
     with pytest.raises(DesignError, match="read nowhere among the targets"):
         compile_design(load_design(screw(corridor_mm=None)))
     design = load_design({**screw(), "requirements": [{"name": "x", "error": "corridor", "limit_mm": 2}]})
+    with pytest.raises(TailstackError, match="which no ray shows"):
+        verify(design, seed=1, method="radial")
     batch = score_batch(design, {"views.*.target_noise_px": [3.0, 4.0]}, columns=("value",))
     assert batch.ways == {"compiled": 0, "in full": 2}
     told = score(design, losses=False).measures[-1].p95

@@ -420,6 +420,8 @@ for design in designs:
 seen["batch"], called[:] = list(called), []
 for design in designs[: len(examples)]:
     verify(design, trials=1000, threads=1)
+    with suppress(TailstackError):  # not every design can be drawn by directions
+        verify(design, trials=1000, threads=1, method="radial")
     with suppress(TailstackError):
         score(design, second_order=True)
 seen["verify"], called[:] = list(called), []

@@ -12,7 +12,7 @@ from plain_data import DEMO, problems_of, replaced
 from scenes import cios_system, cube8_system, installation, random_system, system_of, taken
 from tailstack import load_design, optimise, score, sweep, verify
 from tailstack.design.write import Revision, revise_design
-from tailstack.errors import IllPosedError
+from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine, find_surely_answered
 from tailstack.montecarlo import chain
 from tailstack.montecarlo.chain import draw, draw_losses, run_indices
@@ -252,7 +252,9 @@ def test_a_unit_misses_beads_shot_by_shot():
     assert often > 1.01 * plain
 
 
-def test_a_quantile_without_a_bound_is_refused():
+def test_radial_sampling_and_a_quantile_without_a_bound_are_refused():
+    with pytest.raises(OutOfRangeError, match="how often fiducials are missed"):
+        verify(missed(cios_system(), 0.01), method="radial")
     problem = problems_of(verify, missed(system_of(SEVEN), 0.1), error=IllPosedError)[0]
     assert (problem.pointer, problem.code) == ("/fiducials/loss_probability", "no-bound")
     assert "no bound that 95 % of shots keep" in problem.detail

@@ -36,7 +36,15 @@ from tailstack.montecarlo.shards import (
 from tailstack.montecarlo.simulate import Run, Samples, Simulation, simulate
 from tailstack.montecarlo.tails import Tail
 from tailstack.system import Law, Requirement
-from tailstack.verification import Sampling, UnitsTask, prepare, unit_quantiles, verify_prepared
+from tailstack.verification import (
+    RadialTask,
+    Sampling,
+    UnitsTask,
+    prepare,
+    radial_estimate,
+    unit_quantiles,
+    verify_prepared,
+)
 
 LIMITS = (0.2, inf)
 
@@ -153,6 +161,9 @@ class Slowly:
         key = ("units", wanted.plan.vertex, wanted.target, wanted.error, wanted.quantile)
         return self._of(key, lambda: np.concatenate([unit_quantiles(wanted, k, 512) for k in range(0, 2048, 512)]))
 
+    def radial(self, wanted: RadialTask):
+        return self._of(wanted, lambda: radial_estimate(self.ready, wanted))
+
 
 def _bounded_and_per_unit():
     half = [0.003, 0.002, 0.001, 0.1, 0.1, 0.1]
@@ -172,6 +183,7 @@ def _bounded_and_per_unit():
         (Sampling(precision=0.01, seed=5), BLOCK),
         (Sampling(precision=0.004, seed=5, max_trials=100_000), 4 * BLOCK),
         (Sampling(trials=30_001, seed=6), 2 * BLOCK),
+        (Sampling(method="radial", seed=6), 2**18),
     ],
 )
 def test_a_check_asked_again_and_again_is_the_check(sampling: Sampling, size: int) -> None:
@@ -187,7 +199,7 @@ def test_a_check_asked_again_and_again_is_the_check(sampling: Sampling, size: in
         except Pending:
             rounds += 1
     assert rounds > 0
-    options = {field: getattr(sampling, field) for field in ("trials", "precision", "seed", "max_trials")}
+    options = {field: getattr(sampling, field) for field in ("trials", "precision", "seed", "method", "max_trials")}
     assert found == verify(system, **options)
     assert len(sampler.asked) == len(set(sampler.asked))
 
@@ -350,6 +362,42 @@ def test_the_worse_of_two_opposite_ends_is_reported_whichever_it_is(aim, bias_mm
     assert np.linalg.norm(check.targets[0].bias_mm) == pytest.approx(sizes[worst], rel=5e-4)
     assert [one.status for one in check.verdict.checks] == ["fail", "fail"]
     assert "vertices of the bounded components" in check.stopping
+
+
+def test_bounded_components_by_radial_and_by_plain_sampling_agree():
+    """sampled: two 95 % intervals fail to overlap in fewer than 1 of 150 seeds."""
+    ends = mount("connector_flange", (0, 0, -145), half_width=[0.03, 0.02, 0.01, 0.1, 0.1, 0.1], law=Law.BOUNDED)
+    system = cube8_system(connector_flange=ends)
+    plain, ray = verify(system, trials=40_000, seed=5), verify(system, trials=1000, seed=6, method="radial")
+    assert ray.targets[0].p95_interval_mm[0] < plain.targets[0].p95_interval_mm[1]
+    assert plain.targets[0].p95_interval_mm[0] < ray.targets[0].p95_interval_mm[1]
+    assert "4 were run" in plain.stopping
+    assert "4 were run" in ray.stopping
+
+
+def test_a_radial_check_draws_the_plain_trials_that_were_asked_for():
+    system = cube8_system(requirements=(requirement(0.3),))
+    for trials in (300, 40_000):
+        check = verify(system, trials=trials, seed=6, method="radial")
+        assert check.trials == trials
+        assert check.reprojection.trials == min(trials, 16_384)
+        assert f"from {trials} plain trials" in check.stopping
+    plain = verify(system, trials=40_000, seed=6)
+    assert check.targets[0].std_mm == plain.targets[0].std_mm
+    assert check.targets[0].cvar95_mm == plain.targets[0].cvar95_mm
+    assert verify(system, seed=6, method="radial").trials == 32_768
+
+
+def test_a_radial_check_reaches_the_precision_that_was_asked_for():
+    """sampled: two 95 % intervals fail to overlap in fewer than 1 of 150 seeds."""
+    system = cube8_system()
+    few, many = (verify(system, precision=precision, seed=6, method="radial") for precision in (0.05, 1e-4))
+    assert few.precision_reached > 1e-4 >= many.precision_reached
+    assert (few.precision_requested, many.precision_requested) == (0.05, 1e-4)
+    a, b = few.targets[0].p95_interval_mm, many.targets[0].p95_interval_mm
+    assert a[0] < b[1]
+    assert b[0] < a[1]
+    assert verify(system, seed=6, method="radial").precision_requested is None
 
 
 def test_per_unit_yield_by_nested_sampling_agrees_with_the_score():

@@ -78,7 +78,7 @@ def _refusal(error: TailstackError) -> Outcome:
 
 def check_once() -> None:
     """The smallest Monte Carlo check there is, as a job would do it: what it loads and compiles is there for others."""
-    options = {"trials": 1_000, "precision": None, "seed": 0, "max_trials": 1_000}
+    options = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}
     request = canonical({"design": EXAMPLE_DESIGN, **options})
     units: tuple[UnitResult, ...] = ()
     while more := perform(Task("verification", request, ADVANCE, units)).more:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+from pydantic import Field
 
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
 from ..console.answer import exit_code_of
 from .operation import Again, Call, Demand, LateImport, Operation, Repetition
-from .options import CheckOptions, within_trials
+from .options import CheckOptions, within, within_trials
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -19,6 +21,10 @@ if TYPE_CHECKING:
 
 class VerificationOptions(CheckOptions):
     """How a check samples, and by which estimator."""
+
+    method: Literal["plain", "radial"] = Field(
+        "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
+    )
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
@@ -36,6 +42,7 @@ def _verify(call: Call) -> Verification:
         trials=options.trials,
         precision=options.precision,
         seed=options.seed,
+        method=options.method,
         max_trials=options.max_trials,
         threads=call.threads,
         progress=call.progress,
@@ -47,12 +54,15 @@ def _check(request: Request, settings: Settings) -> None:
     from tailstack.design import check_design
 
     options = request.options
-    within_trials(options.trials, options.max_trials, settings, request.designs)
+    if options.method == "plain":
+        within_trials(options.trials, options.max_trials, settings, request.designs)
+    else:
+        within(options.trials, "max_trials", settings, "/trials")
     request.refuse_by(check_design)
 
 
 def _demand(record: Verification) -> Demand:
-    if record.precision_requested is None:
+    if record.precision_requested is None or record.method == "radial":
         return Demand(trials=record.trials, trials_at="/trials")
     return Demand(trials=record.max_trials or MAX_TRIALS, trials_at="/max_trials")
 
@@ -79,7 +89,7 @@ OPERATION = Operation(
     "worst trial, the verdict. One seed, one answer.",
     title="answer of verify: Monte Carlo on the full chain",
     options=VerificationOptions,
-    example={"precision": 0.01, "seed": 7},
+    example={"precision": 0.01, "seed": 7, "method": "plain"},
     record=lambda: Verification,
     run=_verify,
     cut=True,

@@ -65,7 +65,9 @@ def verify_alike(
     """
     at_least = 0
     while True:
-        sampling = Sampling(options.trials, options.precision, options.seed, options.max_trials, at_least=at_least)
+        sampling = Sampling(
+            options.trials, options.precision, options.seed, "plain", options.max_trials, at_least=at_least
+        )
         pair = draw(sampling)
         most = max(check.trials for check in pair)
         # bounded components may be drawn at several vertices, and a check tells only the most trials of all of them

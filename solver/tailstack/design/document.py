@@ -416,7 +416,7 @@ class Locator(Record):
 class Interface(Record):
     """A mechanical interface: a known bias and either tolerances, six locators or the features of a drawing."""
 
-    model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators", "features"))
+    model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators"))
 
     label: Annotated[str, Field(max_length=200)] = Field(
         default="", description="What the drawing calls it.", examples=["two-dowel seat"]

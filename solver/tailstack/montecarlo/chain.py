@@ -34,7 +34,7 @@ from .tables import EXECUTION, MANUFACTURED, MOUNTS, arm_slot, beads_slot, image
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
-LOSS_STREAM = 4  # 0 and 1 are the trials' own
+LOSS_STREAM = 4  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
 PLANS, PATTERNS = 64, 2**17  # of missed fiducials, of which is kept whether they leave an answer
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)

@@ -102,8 +102,8 @@ class Verification(Result):
     """Seed of the trials: the same seed gives the same digits."""
     trials: int
     """Trials that were drawn."""
-    method: Literal["plain"]
-    """plain: every trial by itself."""
+    method: Literal["plain", "radial"]
+    """plain: every trial by itself; radial: directions, with the quantile found along each."""
     engine: str
     """The chain that computed the trials, in words."""
     precision_requested: float | None

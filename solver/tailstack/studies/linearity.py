@@ -24,7 +24,8 @@ from ..kernels.process import usable_cores
 from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, bounded_names, compile_plan
-from ..propagation.linear import LinearModel, linearise
+from ..montecarlo.radial import gains_in_plan_order
+from ..propagation.linear import linearise
 from ..propagation.validity import validity
 from ..results import Interval, Provenance
 from ..results.record import Published
@@ -429,7 +430,7 @@ def _examine_place(
     if not first > 0:
         raise OutOfRangeError(Problem("", "no-spread", "nothing moves the error here: there is no P95 to compare"))
     plan = compile_plan(here, vertex=law.worst.vertex(model))
-    gains = gains_in_plan_order(plan, model, error)
+    gains = gains_in_plan_order(plan, model.blocks, (0,), error)
     comparison = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
     trust = validity(model.nonlinearity, here, model.turns)
     within, sure = classify(comparison.ratio, comparison.interval)
@@ -450,22 +451,6 @@ def _examine_place(
         trials=comparison.trials,
         errs="optimistic" if high < 1 else "pessimistic" if low > 1 else "none seen",
     )
-
-
-def gains_in_plan_order(plan: ChainPlan, model: LinearModel, error: str) -> Array:
-    """(3, d): gains of standardised deviates at the first target, in the unit of the error.
-
-    Sources that are BOUNDED have no column; noise of other targets has zero gain.
-    """
-    gain = np.zeros((3, plan.dimension))
-    starts = {place.name: place.start for place in plan.blocks}
-    standard = plan.standard_std
-    for block in model.blocks:
-        if block.contributor in starts:
-            random = [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]
-            at = slice(starts[block.contributor], starts[block.contributor] + len(random))
-            gain[:, at] = block.columns_mm(error)[:, random] / standard[at]
-    return gain
 
 
 def list_places(grid: Grid) -> tuple[GridPoint, ...]:

@@ -1,4 +1,4 @@
-"""A Monte Carlo check in units: shards of trials, and installed units.
+"""A Monte Carlo check in units: shards of trials, installed units, quantiles by radial sampling.
 
 ``verify`` is replayed against what is recorded.  It looks at the same trials in the same order however they were cut
 and wherever they were drawn, so the document is that of one undisturbed process, byte for byte.
@@ -6,6 +6,7 @@ and wherever they were drawn, so the document is that of one undisturbed process
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.levels import Drawn
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
+from tailstack.montecarlo.radial import RadialEstimate
 from tailstack.montecarlo.shards import (
     Pending,
     Shard,
@@ -33,9 +35,11 @@ from tailstack.verification import (
     SHOTS,
     UNITS,
     PreparedDesign,
+    RadialTask,
     Sampling,
     UnitsTask,
     prepare,
+    radial_estimate,
     unit_quantiles,
     verify_prepared,
 )
@@ -66,6 +70,12 @@ def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[Uni
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One part: what :class:`RecordedSampler` asked for."""
     ready, seed = _ready(request), sampling_of(request).seed
+    if spec["what"] == "radial":
+        vertex = tuple((name, end) for name, end in spec["vertex"])
+        wanted = RadialTask(
+            spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
+        )
+        return canonical(radial_estimate(ready, wanted)._asdict())
     level = Drawn(spec.get("level", Drawn.UNIT)) if spec["what"] == "units" else None
     plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if level else 1, level)
     if level:
@@ -79,7 +89,7 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 def check_request(request: dict[str, Any], design: dict[str, Any]) -> dict[str, Any]:
     """The check of a design that is part of another kind of job, sampled as that one's request says."""
     own = {name: request[name] for name in ("trials", "precision", "max_trials") if request.get(name) is not None}
-    return {"design": design, "seed": request.get("seed", 0), **own}
+    return {"design": design, "seed": request.get("seed", 0), "method": "plain", **own}
 
 
 def sampling_of(request: dict[str, Any]) -> Sampling:
@@ -88,6 +98,7 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
         request.get("trials"),
         request.get("precision"),
         request.get("seed", 0),
+        request.get("method", "plain"),
         request.get("max_trials") or MAX_TRIALS,
     )
 
@@ -126,15 +137,26 @@ class RecordedSampler:
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
         count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
         level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
-        what = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
-        asked = {"what": "units", "vertex": wanted.plan.vertex, **what, **level}
+        asked = _asked("units", wanted.plan.vertex, wanted) | level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
         if not all(spec in self.held for spec in specs):
             self._pending(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
+    def radial(self, wanted: RadialTask) -> RadialEstimate:
+        spec = canonical(_asked("radial", wanted.vertex, wanted))
+        if spec not in self.held:
+            self._pending([spec])
+        estimate = json.loads(self.held[spec])
+        return RadialEstimate(**{**estimate, "interval_mm": tuple(estimate["interval_mm"])})
+
     def _pending(self, specs: list[bytes], remaining: int = 0) -> None:
         raise Pending([spec for spec in specs if spec not in self.held], remaining)
+
+
+def _asked(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:
+    fields = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
+    return {"what": what, "vertex": vertex, **fields}
 
 
 def _trials_spec(wanted: TrialsTask, first: int, stop: int) -> bytes:

@@ -77,7 +77,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
         provenance=provenance_facts(check.provenance, sha256, check.schema),
         made=check.provenance,
         question=f"Monte Carlo simulation of {check.trials:,} shots, each with its own installation and image noise.",
-        method="Monte Carlo",
+        method=check.method,
         opening=(decision_sentence(check.verdict) or headline.sentence,),
         findings=check.verdict.findings,
         ending=ending_of(check.verdict, check.provenance),
@@ -114,6 +114,11 @@ def _images_sentence(check: Verification) -> str:
 
 def drawn_by(check: Verification) -> str:
     """The options that draw the same trials."""
+    if check.method == "radial":
+        size = f"--trials {check.trials}"
+        if check.precision_requested is not None:
+            size = f"--precision {check.precision_requested:g}"
+        return f"--method radial {size} --seed {check.seed}"
     if check.precision_requested is not None:
         most = "" if check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
         return f"--precision {check.precision_requested:g} --seed {check.seed}{most}"
@@ -133,6 +138,7 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
         (
             ("Trials", f"{check.trials:,}"),
             ("Seed", str(check.seed)),
+            ("Method", check.method),
             ("Engine", check.engine),
             ("Precision reached", f"{in_percent(check.precision_reached, 2)} of P95"),
             ("Trials redone", f"{flagged:,}"),
