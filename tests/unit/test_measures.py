@@ -21,6 +21,9 @@ from tailstack.measures import MEASURE
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation import optimise
+from tailstack.optimisation.program import build_program
+from tailstack.optimisation.task import read_task
+from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import System
 from tailstack.tail.bounds import bounds
@@ -356,3 +359,12 @@ def test_a_limit_is_in_the_unit_of_its_measure() -> None:
     data["targets"][0]["entry"] = "enty"
     with pytest.raises(DesignError, match="no target elsewhere is called 'enty'"):
         load_design(data)
+
+
+def test_the_programme_of_an_angle_serves_another_limit() -> None:
+    """What trials have whole, a function of the measure, is no part of it."""
+    free = {"interface": "structure_connector", "component": "rx", "min_deg": 0.001, "max_deg": 3.0}
+    (problem,) = read_task(to_optimise(tolerances=[free])).problems
+    other = replace(problem, requirements=tuple(replace(each, limit=0.7) for each in problem.requirements))
+    first, again = (build_program(each, tuple(terms_of(each, d) for d in each.demands)) for each in (problem, other))
+    assert again.explore[0] is first.explore[0]

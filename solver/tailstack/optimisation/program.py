@@ -227,7 +227,7 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
 
 
 def _key(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int) -> bytes:
-    """All that a programme is built from but its limits."""
+    """All that a programme is built from but its limits: first order, of measures too."""
 
     def unlimited(requirement: Requirement) -> Requirement:
         return replace(requirement, limit=1.0)
@@ -236,8 +236,10 @@ def _key(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int
     survival = problem.survival and replace(problem.survival, requirement=unlimited(problem.survival.requirement))
     requirements = tuple(map(unlimited, problem.requirements))
     problem = replace(problem, system=system, requirements=requirements, survival=survival)
-    demands = (replace(term.demand, requirement=unlimited(term.demand.requirement)) for term in terms)
-    bare = [replace(term, demand=demand) for term, demand in zip(terms, demands, strict=True)]
+    bare = [
+        replace(term, demand=replace(own, requirement=unlimited(own.requirement), site=replace(own.site, exact=None)))
+        for term, own in ((term, term.demand) for term in terms)
+    ]
     return sha256(pickle.dumps((problem, bare, threads))).digest()
 
 
