@@ -320,7 +320,9 @@ def _mounts(document: DesignDocument) -> list[Problem]:
     for index, pivot in enumerate(document.optimise.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
         if interface is None or interface.is_held:
-            why, cure = "is held by its contacts: its pivot only reduces them", "free what they state instead"
+            why = "is held by its contacts: its pivot only reduces them"
+            held = interface is not None and interface.locators is not None
+            cure = "free its locators instead" if held else "free what it states instead"
             if interface is None:
                 why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
             problems.append(
