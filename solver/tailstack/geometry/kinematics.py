@@ -18,24 +18,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .arrays import Array
-
-
-def rigid(rotation: Array, shift_mm: Array) -> Array:
-    """(4, 4)."""
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = rotation, shift_mm
-    return out
+from .rotation import rigid_transform, skew
 
 
 def screw(twist: Array, amount: float) -> Array:
     """(4, 4) finite motion by a twist (6,), rad or mm."""
     w, v = twist[:3], twist[3:]
     if not w.any():
-        return rigid(np.eye(3), v * amount)
-    k = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+        return rigid_transform(np.eye(3), v * amount)
+    k = skew(w)
     turn = np.eye(3) + np.sin(amount) * k + (1 - np.cos(amount)) * (k @ k)
     away = np.cross(w, v)  # of its axis from the origin
-    return rigid(turn, away - turn @ away + w * (w @ v) * amount)
+    return rigid_transform(turn, away - turn @ away + w * (w @ v) * amount)
 
 
 def carry(transform: Array, twists: Array) -> Array:
@@ -47,7 +41,7 @@ def carry(transform: Array, twists: Array) -> Array:
 
 def undo(transform: Array) -> Array:
     """(4, 4) inverse of a rigid one."""
-    return rigid(transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3])
+    return rigid_transform(transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3])
 
 
 def move_by(twists: Array, point: Any) -> Any:

@@ -72,7 +72,7 @@ def convert(
     if source_name.lower().endswith(STEP_FILES):
         reading = read_step(content, source_name, selection, limits)
         data, notes = _place_fiducials(base, reading.fiducials, reading.contacts)
-        text = _write_data(data, reading.fiducials, target_name, written)
+        text = write_data(data, reading.fiducials, target_name, written)
         return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies, reading.tolerances)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
@@ -82,10 +82,10 @@ def convert(
         else:
             fiducials = read_fiducials(content, source_name, limits)
         data, _ = _place_fiducials(base, fiducials)
-        return Conversion(_write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
+        return Conversion(write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
-    text = _write_data(design_to_data(design), design.fiducials, target_name, written)
+    text = write_data(design_to_data(design), design.fiducials, target_name, written)
     return Conversion(text, design.fiducials.notes, design.fiducials)
 
 
@@ -173,7 +173,7 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     return (words,), [f"{at}/{k}/half_width_mm" for k, each in enumerate(contacts) if each.name in new]
 
 
-def _write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str, cage: CageForm | None = None) -> str:
+def write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str, cage: CageForm | None = None) -> str:
     """A design or sections of one as the target's ending asks for, or only the fiducials."""
     if cage is not None and target.lower().endswith(".csv"):
         return write_cage(fiducials, cage.unit)

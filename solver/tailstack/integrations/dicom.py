@@ -27,10 +27,10 @@ from typing import Any
 from ..design.assumed import FIELD, follow_changes
 from ..design.loading import Design, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Limits
-from ..design.write import data_to_yaml, design_to_data, to_json
+from ..design.write import design_to_data
 from ..errors import DesignError, Problem
 from ..results import Vector3
-from .conversion import IMAGES, Conversion
+from .conversion import IMAGES, Conversion, write_data
 
 # Those without which there is no view: tag, numbers, the field of a view that says the same
 NEEDED = {
@@ -263,9 +263,7 @@ def convert_shots(
         raise _refusal(files[0][1], "one image is one view, and a design has two at least", "give the other image, too")
     data, notes = place_shots(base(shots) if callable(base) else base, shots)
     design = load_design(data, limits=limits)
-    data = design_to_data(design)
-    text = to_json(data) if target_name.lower().endswith(".json") else data_to_yaml(data)
-    return Conversion(text, notes, design.fiducials)
+    return Conversion(write_data(design_to_data(design), design.fiducials, target_name), notes, design.fiducials)
 
 
 def place_shots(base: Design, shots: Sequence[Shot]) -> tuple[dict[str, Any], tuple[str, ...]]:

@@ -49,8 +49,6 @@ _TABLE = {
         5.0 losses.lose                         {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
         1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
         0.3 tail.per_unit.position_of           f1 i f
-        1.6 tail.pairs.solve_rays               f2 f f1 f1 f3 f3 i
-        0.4 tail.pairs.between                  f1 f f1 f3 f3
         0.2 tail.per_unit.average_at            f1 i f
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1

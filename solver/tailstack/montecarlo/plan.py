@@ -178,6 +178,7 @@ class _Slot(NamedTuple):
     rows: int
     parts: tuple[_Part, ...]
     pivot_mm: Array = np.zeros(3)
+    twists: Array = np.zeros((0, 6))  # (rows, 6) con: the screws of an arm
 
     @property
     def known(self) -> Array:
@@ -226,14 +227,8 @@ def _slots(system: System, held: Drawn | None = None) -> list[_Slot]:
     believed = zip(system.views, system.believed_errors, strict=True)
     slots += [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
     arm = tuple(pair for pair in acts if pair[1].place is Place.ARM)
-    return [*slots, _Slot(len(_twists(system)), parts(arm))]
-
-
-def _twists(system: System) -> Array:
-    """(S, 6) con: the screws of the arm, if there is one."""
-    scene = system.scene(np.zeros((0, 3)), images_of)
-    acts = (act for effect in system.effects_at(Place.ARM) for act in effect.act(scene))
-    return carry(undo(system.T_flange_con), next((act.twists for act in acts), np.zeros((0, 6))))
+    twists = carry(undo(system.T_flange_con), arm[0][1].twists if arm else np.zeros((0, 6)))
+    return [*slots, _Slot(len(twists), parts(arm), twists=twists)]
 
 
 def _place(act: Act) -> Act:
@@ -394,7 +389,7 @@ def compile_plan(
         growth=sources.fixed[beads_slot(views)].reshape(-1, 3),
         pivots=np.array([slot.pivot_mm for slot in sources.slots[: images_slot(views, 0)]]),
         execution_bias=sources.fixed[EXECUTION],
-        twists=_twists(system),
+        twists=sources.slots[arm_slot(views)].twists,
         screwed=sources.fixed[arm_slot(views)],
     )
     tables = Tables(*(frozen(table, table.dtype) for table in tables))

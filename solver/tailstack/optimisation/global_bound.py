@@ -40,7 +40,7 @@ from ..design import Design
 from ..design.loading import locate_refusals
 from ..errors import IllPosedError
 from ..geometry.arrays import Array
-from ..geometry.rotation import skew
+from ..geometry.rotation import rigid_transform, skew
 from ..results import GlobalBound
 from ..results.digits import at_most
 from ..system import Law, Place
@@ -284,8 +284,8 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
     places = {i: place for place in problem.places for i in place.fiducials[:1]}
     copied = {i for place in problem.places for i in place.fiducials[1:]}
     identity = np.eye(4)
-    assume = _matrix(turn, shift)
-    copies = [identity, *(_matrix(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
+    assume = rigid_transform(turn, shift)
+    copies = [identity, *(rigid_transform(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
     groups: dict[tuple[object, ...], AlikeBeads] = {}
     shapes: tuple[Shape, ...] = ()
     for i, position in enumerate(system.fiducials_mm):
@@ -305,12 +305,6 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
     known = system.estimator.believes_intrinsics
     tangents, sizes = zip(*(_tangents(known, each, target) for each in projections), strict=True)
     return Information(projections, tangents, sizes, whiten, target, tuple(groups.values()), problem.min_spacing_mm)
-
-
-def _matrix(rotation: Array, shift_mm: Array) -> Array:
-    out = np.eye(4)
-    out[:3] = np.column_stack([rotation, shift_mm])
-    return out
 
 
 def _tangents(knows_intrinsics: bool, projection: Array, origin_mm: Array) -> tuple[Array, Array]:
@@ -452,7 +446,7 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     axes = [half[k] * (2 * np.arange(counts[k]) + 1 - counts[k]) for k in range(3)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     centres = centres[_reaches(beads.region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)]
-    places = tuple(copy @ _matrix(np.eye(3), middle) for copy in beads.copies)
+    places = tuple(copy @ rigid_transform(np.eye(3), middle) for copy in beads.copies)
     slopes = []
     for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
         own = slopes_at(information, 0, place, sees, centres)
@@ -495,7 +489,7 @@ def most_known(information: Information, cells: tuple[Cells, ...], z: Array) -> 
 def known_from_target(information: Information, z: Array) -> Array:
     """(K,) z' F0 z: what the images of the target itself tell, whatever the layout, rounded up."""
     everywhere = np.ones(len(information.projections), dtype=bool)
-    forms = forms_of(information, 1, _matrix(np.eye(3), information.target_mm), everywhere, z)
+    forms = forms_of(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, z)
     still, point = np.zeros(3), np.zeros((1, 3))
     return np.asarray(enclose(forms, point, still, still, -z[None, :, :3]).max(axis=0)[0])
 
@@ -550,7 +544,7 @@ def _solve(information: Array, directions: Array) -> Array:
 def _target_information(information: Information) -> Array:
     """F0 (D, D): of the target's images, in floats."""
     everywhere = np.ones(len(information.projections), dtype=bool)
-    own = slopes_at(information, 1, _matrix(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
+    own = slopes_at(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
     slopes = own.unknowns[0]
     slopes[:, :3] += own.moved[0]
     return np.asarray(slopes.T @ slopes)

@@ -45,9 +45,7 @@ from .terms import linearise_demand
 AIM = 3e-6  # of a limit: how far below it the values are brought
 OPTIONS = {"ftol": 1e-9, "maxiter": 200}
 MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
-UNIT_STEP = (
-    1e-2  # of the logarithm of a half-width, where a slope is a difference: it jumps a little, and is evened out
-)
+UNIT_STEP = 1e-2  # of the logarithm of a half-width, over which the jumps of a slope are evened out
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 

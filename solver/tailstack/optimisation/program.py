@@ -215,7 +215,7 @@ _last = local()  # of each thread: the programme that it built last, and ``key``
 def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int = 1) -> Program:
     """The programme of a problem with a solver for each thread: the last one again where only limits differ.
 
-    Limits are its parameters, and to build that of the demo takes longer than to solve it from every start.
+    Limits are its parameters, and to build that of the demo takes as long as to solve it from 16 starts.
     """
     key = _key(problem, terms, threads)
     if getattr(_last, "key", None) != key:

@@ -313,6 +313,16 @@ class Assembly(Shapes):
                 raise self.file.refuse(context, "no-unit", detail, "export it with units")
         return self._factors[context]
 
+    def measure(self, number: Any, referrer: int) -> tuple[float, Instance]:
+        """A number, and the unit that it is in.  Raises StepError."""
+        instance = self.file.read(reference_of(self.file, number, referrer), referrer)
+        parts = instance.parts
+        values = next(iter(parts.values())) if len(parts) == 1 else parts.get("MEASURE_WITH_UNIT", [])
+        if len(values) != 2:
+            raise self.file.refuse(instance.number, "wrong-count", f"#{instance.number} is a measure and its unit")
+        unit = self.file.read(reference_of(self.file, values[1], instance.number), instance.number)
+        return self.file.number(values[0], instance.number), unit
+
     def millimetres(self, unit: Instance, depth: int = 0) -> float:
         """mm in a unit of length.  Raises StepError for one that is not known."""
         file, number = self.file, unit.number
@@ -324,14 +334,10 @@ class Assembly(Shapes):
                 )
             return 1000.0 if prefix is None else 1000.0 * _PREFIXES[prefix]
         name, measure = file.part(unit, "CONVERSION_BASED_UNIT", 2)
-        instance = file.read(reference_of(file, measure, number), number)
-        values = next(iter(instance.parts.values()))
-        if len(instance.parts) > 1:
-            values = instance.parts.get("MEASURE_WITH_UNIT", [])
-        if len(values) != 2 or depth > 3:
-            raise file.refuse(measure, "wrong-count", f"#{number} is a measure and its unit")
-        inner = file.read(reference_of(file, values[1], instance.number), instance.number)
-        factor = file.number(values[0], instance.number) * self.millimetres(inner, depth + 1)
+        if depth > 3:
+            raise file.refuse(number, "wrong-count", f"#{number} is a unit of a unit of a unit, and so on")
+        size, inner = self.measure(measure, number)
+        factor = size * self.millimetres(inner, depth + 1)
         called = decode_text(name).upper()
         known = _INCHES.get(called)
         if factor <= 0 or (known is not None and abs(factor / known - 1) > 1e-6):

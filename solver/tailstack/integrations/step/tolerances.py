@@ -19,6 +19,7 @@ from ...errors import DesignError
 from ...geometry.arrays import Array
 from .assembly import Assembly
 from .part21 import Instance, Part21, Reference, Typed, decode_text
+from .shapes import reference_of
 
 Unit = Literal["mm", "deg"]
 FORMS = (
@@ -208,7 +209,7 @@ class _Reader:
         if isinstance(base, Typed | list):
             inner = base.values if isinstance(base, Typed) else base
             return "-".join(self._letters(each, referrer, depth + 1) for each in inner[:MOST_DATUMS])
-        instance = self.file.read(_reference(self.file, base, referrer), referrer)
+        instance = self.file.read(reference_of(self.file, base, referrer), referrer)
         for keyword in ("DATUM_REFERENCE_COMPARTMENT", "DATUM_REFERENCE_ELEMENT"):
             if keyword in instance.parts:
                 _, _, _, _, inner, modifiers = self.file.part(instance, keyword, 6)
@@ -239,7 +240,7 @@ class _Reader:
         lower, upper = (end - value for end in ends) if len(ends) == 2 and value is not None else (None, None)
         fit = ""
         for stated in self.ranges[number]:
-            part = self.file.read(_reference(self.file, stated, number), number)
+            part = self.file.read(reference_of(self.file, stated, number), number)
             if "LIMITS_AND_FITS" in part.parts:
                 form, _, grade, _ = (decode_text(each) for each in self.file.part(part, "LIMITS_AND_FITS", 4))
                 fit = form + grade
@@ -251,13 +252,7 @@ class _Reader:
 
     def _measure(self, number: Any, referrer: int) -> tuple[float, Unit]:
         """A value in mm or degrees, and which.  Raises StepError."""
-        instance = self.file.read(_reference(self.file, number, referrer), referrer)
-        parts = instance.parts
-        values = parts.get("MEASURE_WITH_UNIT") or next((own for own in parts.values() if len(own) == 2), [])
-        if len(values) != 2:
-            raise self.file.refuse(instance.number, "wrong-count", f"#{instance.number} is no measure with a unit")
-        value = self.file.number(values[0], instance.number)
-        unit = self.file.read(_reference(self.file, values[1], instance.number), instance.number)
+        value, unit = self.assembly.measure(number, referrer)
         if "PLANE_ANGLE_UNIT" not in unit.parts:
             return round(value * self.assembly.millimetres(unit), 12), "mm"
         if "SI_UNIT" in unit.parts:
@@ -267,7 +262,7 @@ class _Reader:
         raise self.file.refuse(unit.number, "unknown-unit", f"#{unit.number} is no unit of angle that is known")
 
     def _first(self, number: Any, referrer: int) -> Any:
-        return next(iter(self.file.read(_reference(self.file, number, referrer), referrer).parts.values()), [None])[0]
+        return next(iter(self.file.read(reference_of(self.file, number, referrer), referrer).parts.values()), [None])[0]
 
     # --- faces ---------------------------------------------------------------------------------------------
 
@@ -331,12 +326,6 @@ def _span(frame: Array, vertices: Array, scale: float) -> tuple[Array, tuple[flo
 
 def _place(matrix: Array, point: Array) -> Array:
     return np.asarray(matrix[:3, :3] @ point + matrix[:3, 3])
-
-
-def _reference(file: Part21, value: Any, referrer: int) -> Reference:
-    if not isinstance(value, Reference):
-        raise file.refuse(referrer, "wrong-type", f"#{referrer} leaves out what it is measured by", "export it anew")
-    return value
 
 
 def _list(value: Any) -> list[Any]:
