@@ -175,6 +175,11 @@ def _likeness(stem: Sequence[str], meant: Sequence[str]) -> int | None:
     return 2 if stem and (rest or len(stem) == len(meant)) else None
 
 
+def _letters_of(name: str) -> str:
+    """Of a name, however its words are joined and written."""
+    return re.sub(r"[\W_]+", "", name).casefold()
+
+
 def _is_whole_slip(words: Sequence[str], meant: Sequence[str]) -> bool:
     """Whether two names are the same but for slips, their units included, which are never slipped into another."""
     if "".join(words) == "".join(meant):
@@ -414,7 +419,7 @@ def find_renamings(
         turned = _change_frames(name, field)
         if turned or between:
             likeness = 0
-        if _is_whole_slip(words, split_words(field)):
+        if _is_whole_slip(words, split_words(field)) or _letters_of(name) == _letters_of(field):
             ranked.append(((0 if words == split_words(field) else 1, 0, 0), Renaming(field, "", value)))
             continue
         if likeness is None or (not mine.stem and not mine.spread):

@@ -326,8 +326,12 @@ def test_one_half_width_changes_one_line_and_its_comment_stays(path):
     new = copy.deepcopy(old)
     if mounts := new.get("interfaces"):
         mount = mounts["connector_flange" if "connector_flange" in mounts else "structure_connector"]
-        mount["tolerances"]["rx"]["half_width_deg"] = 0.1237
-        begins = "rx: { half_width_deg: 0.1237, distribution:"
+        if "features" in mount:
+            mount["features"][0]["flatness_mm"] = 0.1237
+            begins = "- { name: flange, kind: pad,"
+        else:
+            mount["tolerances"]["rx"]["half_width_deg"] = 0.1237
+            begins = "rx: { half_width_deg: 0.1237, distribution:"
     else:  # a cage that no robot carries
         new["fiducials"]["manufacturing"]["half_width_mm"] = 0.1237
         begins = "manufacturing: { half_width_mm: 0.1237, distribution:"

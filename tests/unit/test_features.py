@@ -78,8 +78,8 @@ def test_tables_follow_the_formulas_of_the_standard():
         ({"diameter_mm": 600}, "unknown-fit", "up to 500 mm"),
         ({"fit": "H7/m6"}, "interference", "larger than the hole"),
         ({"pin_mm": [0, -0.01]}, "one-of", "give fit"),
-        ({"at_maximum_material": True}, "unused-field", "zone_mm"),
-        ({"zone_mm": "0.02 in"}, "wrong-type", "0.508"),
+        ({"at_maximum_material": True}, "unused-field", "true_position_mm"),
+        ({"true_position_mm": "0.02 in"}, "wrong-type", "0.508"),
         ({"along": [0, 0, 2]}, "zero-direction", "at an angle"),
         ({"kind": "pin_in_hole"}, "overheld", "7 motions"),
         ({"kind": "peg"}, "feature-kind", "pin_in_slot"),
@@ -287,7 +287,7 @@ def test_features_are_what_contacts_leave(seat, run_seed):
 def test_a_position_zone_grows_at_maximum_material():
     """closed_form: E[(t + b)^2] / 16 with b uniform on (0, 0.012), beside the clearance's own E[c^2] / 16."""
     features = copy.deepcopy(SEAT["interfaces"]["structure_connector"]["features"])
-    features[1] |= {"zone_mm": 0.05, "at_maximum_material": True}
+    features[1] |= {"true_position_mm": 0.05, "at_maximum_material": True}
     sources = mount_of(features).sources
     own = [k for k, name in enumerate(sources.names) if name.startswith("pin 1 position")]
     t, b = 0.05, 0.012

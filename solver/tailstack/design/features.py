@@ -46,13 +46,13 @@ from .iso286 import Deviations, read_fit
 
 MOTIONS = 6
 ROUND = (
-    "a round clearance or zone is taken for independent laws along and across it, of its own covariance and reach; on "
+    "a round clearance or zone is taken for independent laws along and across it, of its own spread and reach; on "
     "the diagonal they reach up to 41 % further than it does (bounded: 8 %, in between)"
 )
 _Zone = Annotated[float, Field(ge=0, le=10), SEAT_MM]
 _Size = Annotated[float, Field(gt=0, le=1e4), AnySize("of a part, as it is drawn")]
 _Deviation = Annotated[float, Field(ge=-10, le=10)]
-_Limits = Annotated[tuple[_Deviation, _Deviation], Field(strict=False), AnySize("judged with each other")]
+_Limits = Annotated[tuple[_Deviation, _Deviation], Field(strict=False), AnySize("judged with each other, as limits")]
 
 
 class Part(NamedTuple):
@@ -248,7 +248,7 @@ class FittedFeature(_Feature):
     pin_mm: _Limits | None = Field(
         default=None, description="Deviations of the pin, mm: [upper, lower].", examples=[[-0.004, -0.012]]
     )
-    zone_mm: _Zone | None = Field(
+    true_position_mm: _Zone | None = Field(
         default=None,
         description="Position tolerance of the axis, mm: the diameter of its zone. Default exact.",
         examples=[0.05],
@@ -276,8 +276,8 @@ class FittedFeature(_Feature):
             detail = f"the pin may be larger than the hole: {_say(pin)} in {_say(hole)}"
             cure = "interference is not modelled: state sizes that leave a clearance, as H7/g6 does"
             raise refusal("interference", detail, cure, "pin_mm" if self.fit is None else "fit")
-        if self.at_maximum_material and self.zone_mm is None:
-            detail = "at_maximum_material is read only with zone_mm"
+        if self.at_maximum_material and self.true_position_mm is None:
+            detail = "at_maximum_material is read only with true_position_mm"
             raise refusal("unused-field", detail, "state the zone, or leave this out", "at_maximum_material")
         return self
 
@@ -300,13 +300,13 @@ class FittedFeature(_Feature):
     @property
     def zone(self) -> tuple[float, float]:
         """The diameter of the position zone: the largest, mm, and the mean of its square, mm^2."""
-        t = self.zone_mm or 0.0
+        t = self.true_position_mm or 0.0
         bonus = self.limits[0].width if self.at_maximum_material else 0.0
         return t + bonus, (t + bonus / 2) ** 2 + bonus**2 / 12
 
     def items(self) -> Iterator[FeatureItem]:
         yield FeatureItem("fit", tuple(self._parts(*self.clearance, self._clearance_over)))
-        if self.zone_mm:
+        if self.true_position_mm:
             yield FeatureItem("position", tuple(self._parts(*self.zone, 16)))
 
     def _parts(self, largest: float, square: float, over: int) -> Iterator[Part]:
@@ -321,15 +321,15 @@ class FittedFeature(_Feature):
         hole, pin = self.limits
         yield Stated("hole", "fit" if self.fit is not None else "hole_mm", hole.width / 2)
         yield Stated("pin", "fit" if self.fit is not None else "pin_mm", pin.width / 2)
-        if self.zone_mm is not None:
-            yield Stated("position", "zone_mm", self.zone_mm / 2)
+        if self.true_position_mm is not None:
+            yield Stated("position", "true_position_mm", self.true_position_mm / 2)
 
     @property
     def words(self) -> str:
         hole, pin = self.limits
         largest, least = hole.upper - pin.lower, hole.lower - pin.upper
         fit = f" {self.fit}" if self.fit is not None else ""
-        zone = "" if self.zone_mm is None else f", position {self.zone_mm:g}"
+        zone = "" if self.true_position_mm is None else f", position {self.true_position_mm:g}"
         zone += " at maximum material" if self.at_maximum_material else ""
         return (
             f"{self._called} {self.diameter_mm:g}{fit}: hole {_say(hole)}, pin {_say(pin)}, "
