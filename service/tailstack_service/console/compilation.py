@@ -38,18 +38,16 @@ def computations_of(verbs: Iterable[str]) -> set[str]:
 
 
 def compile_for(verbs: Iterable[str]) -> int:
-    """Compile what these verbs call and nobody has compiled.  How many kernels that were."""
+    """Compile what these verbs call and nobody has compiled.  How many kernels are compiled now that were not."""
     from tailstack.kernels import store
     from tailstack.kernels.calls import calls_for
 
     calls = calls_for(computations_of(verbs))
     missing = [call for call in calls if call.file() is None]
-    if missing and not store.kernels_without_store():
-        _compile(missing)
-    return len(missing)
+    return _compile(missing) if missing and not store.kernels_without_store() else 0
 
 
-def _compile(calls: Sequence[KernelCall]) -> None:
+def _compile(calls: Sequence[KernelCall]) -> int:
     """In processes of their own, each with the next of the calls until none is left, the slowest first."""
     from tailstack.kernels import store
     from tailstack.kernels.process import usable_cores
@@ -61,7 +59,7 @@ def _compile(calls: Sequence[KernelCall]) -> None:
         try:
             place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
         except FileNotFoundError:  # nothing can be written anywhere: each process compiles what it calls
-            return
+            return 0
         _lent.append(place)
         store.lend_directory(Path(place.name))
         environment["NUMBA_CACHE_DIR"] = place.name
@@ -86,6 +84,7 @@ def _compile(calls: Sequence[KernelCall]) -> None:
             thread.start()
         for thread in threads:
             thread.join()
+    return len(compiled)
 
 
 def _drive(

@@ -30,7 +30,7 @@ from . import store
 _FRAME = "PrincipalLaw(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
     "montecarlo.tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
-    "f3r f3r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
+    "f3r f3r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r f2r f1r)"
 )
 _IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2 f4) f2 b f2 i1 f2)"
 _EXCHANGE = f"ExchangeModel({_IMAGING} f2 f1 f2 f3 i1 f1)"
@@ -65,6 +65,8 @@ _TABLE = {
         0.1 tail.gaussian.norm_mean_jit         f1 f2
         0.1 tail.lattice.balls                  f f1
         0.1 tail.lattice.flat_balls             f i f1
+        0.1 tail.pairs.chi_below                f1 i
+        0.1 tail.pairs.between                  f1 f f1 f3 f3
     """,
     "batch": f"""
         24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f3 f2
@@ -117,8 +119,10 @@ class KernelCall:
             if word == ")":
                 return
             if word.endswith("("):
-                named = self._tuple_class(word[:-1]) if word[:-1] else None
-                yield types.BaseTuple.from_types(tuple(self._types(words)), named)
+                named, inner = self._tuple_class(word[:-1]) if word[:-1] else None, tuple(self._types(words))
+                if named is not None and len(named._fields) != len(inner):
+                    raise ValueError(f"{self.kernel}: {word[:-1]} has {len(named._fields)} fields, here {len(inner)}")
+                yield types.BaseTuple.from_types(inner, named)
             elif len(word) == 1:
                 yield _SCALARS[word]
             else:
