@@ -19,7 +19,7 @@ from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.terms import DemandTerms, pivot_shift_of, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.propagation.noise import Estimation, noise_gains, room_for_gains
+from tailstack.propagation.noise import Estimation, eliminate_for, gains_after, room_for, room_for_gains
 from tailstack.system import Law
 
 FEASIBLE = 1e-6  # relative (mm on the box): by how much an answer may miss a limit or a rule
@@ -126,7 +126,9 @@ def image_covariance(layout, projections, target, to_error, fiducial_px, target_
     views, count = projections.shape[0], layout.shape[0]
     gains = room_for_gains(layout, np.zeros((views, 2, 2)))
     dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)), np.zeros((0, 2, 2, 2)))
-    noise_gains(projections, layout, np.ones((views, count)), dlt, target, gains)
+    seen, eliminated = np.ones((views, count)), room_for(views, layout)
+    eliminate_for(dlt, projections, layout, seen, eliminated)
+    gains_after(eliminated, projections, layout, seen, dlt, target, gains)
     fiducial, aim = gains.fiducial, gains.target
     total = np.zeros((3, 3))
     for v in range(views):

@@ -272,9 +272,8 @@ def _bounded_sources(model: ErrorModel, without: frozenset[tuple[str, int]] = fr
     return [
         (block, j)
         for block in model.blocks
-        if Law.BOUNDED in block.laws
-        for j, law in enumerate(block.laws)
-        if law is Law.BOUNDED and block.half_width[j] > 0 and (block.contributor, j) not in without
+        for j, bounded in enumerate(block.effect.sources.are_bounded)
+        if bounded and (block.contributor, j) not in without
     ]
 
 

@@ -10,11 +10,11 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from scipy.stats import special_ortho_group
 
-from laws import linear_law
+from laws import linear_law, norm_cvar
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.bounds import bounds
 from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile, law_summary
-from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
+from tailstack.tail.gaussian import norm_cdf, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
 
 pytestmark = pytest.mark.hostile
 

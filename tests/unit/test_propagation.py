@@ -33,7 +33,7 @@ from tailstack.propagation.linear import (
     estimation_of,
     linearise,
 )
-from tailstack.propagation.noise import noise_gains, room_for_gains
+from tailstack.propagation.noise import eliminate_for, gains_after, room_for, room_for_gains
 from tailstack.system import LINEAR, Estimator, Reading, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
@@ -164,7 +164,9 @@ def test_one_pass_over_the_images_is_its_parts_put_together(manufactured):
     aim, per_error = system.targets[0].position_mm, rotation_xyz(rng.uniform(-1, 1, 3))
     half_width = rng.uniform(0.01, 0.1, (7, 3)) if manufactured else np.zeros((7, 3))
     gains = room_for_gains(points, np.zeros((2, 2, 2)))
-    noise_gains(projections, points, np.ones((2, 7)), estimation_of(system), aim, gains)
+    eliminated, seen, estimation = room_for(2, points), np.ones((2, 7)), estimation_of(system)
+    eliminate_for(estimation, projections, points, seen, eliminated)
+    gains_after(eliminated, projections, points, seen, estimation, aim, gains)
     fiducial, aimed, made, _, _ = gains
     chain, shifts = chain_of(system), rng.normal(size=(2, 16, 3))
     imaging = chain.imaging._replace(

@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import j0, j1
 
-from laws import linear_law
+from laws import linear_law, norm_cvar
 from scenes import random_system
 from tailstack.budget import budget, lines_of
 from tailstack.contributors import error_law
@@ -37,7 +37,7 @@ from tailstack.tail.declared import (
     law_summary,
     solve_on_axes,
 )
-from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
+from tailstack.tail.gaussian import norm_cdf, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
 from tailstack.tail.lattice import (
     LOG_SINC,
     Accuracy,

@@ -419,9 +419,3 @@ def level_targets() -> list[list[str]]:
     if config.CPU_NAME is not None or config.CPU_FEATURES is not None:
         return []
     return [[target()[0], level, ""] for level in levels_here()]
-
-
-def files_with_kernels() -> list[str]:
-    """Sources that may define kernels, by ``kernel`` or by what the Monte Carlo's lanes make of it."""
-    makers = {sources.COMPILER, "montecarlo/lanes.py"}
-    return [name for name in sources.SOURCES if makers & sources.imports_of(name)]

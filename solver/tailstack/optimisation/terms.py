@@ -250,8 +250,8 @@ def vertices_of(model: ErrorModel, ends: tuple[float, ...]) -> list[Array]:
     return [
         np.array(
             [
-                h * next(left, 0.0) if law is Law.BOUNDED and h > 0 else 0.0
-                for law, h in zip(block.laws, block.half_width, strict=True)
+                h * next(left, 0.0) if bounded else 0.0
+                for bounded, h in zip(block.effect.sources.are_bounded, block.half_width, strict=True)
             ]
         )
         for block in model.blocks

@@ -116,6 +116,11 @@ class Block(NamedTuple):
         """(3, k) mm: what a standard deviation of each source does."""
         return self.gain(error) * self.std
 
+    def bounded_columns_mm(self, error: str) -> Array:
+        """(3, q) mm: what each of the ``Sources.are_bounded`` does at its half-width."""
+        bounded = self.effect.sources.are_bounded
+        return self.gain(error)[:, bounded] * self.half_width[bounded]
+
     def covariance(self, error: str) -> Array:
         """(3, 3) mm^2."""
         scaled = self.columns_mm(error)
@@ -564,12 +569,7 @@ def _turns(
 
 def _lengthen(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
     """A bias (3,) with each BOUNDED source at the end at which it lengthens it, the longest first."""
-    columns = [
-        block.gain(error)[:, j] * block.half_width[j]
-        for block in blocks
-        for j, law in enumerate(block.laws)
-        if law is Law.BOUNDED
-    ]
+    columns = (column for block in blocks for column in block.bounded_columns_mm(error).T)
     for column in sorted(columns, key=lambda column: -float(column @ column)):
         bias = bias + (column if bias @ column >= 0 else -column)
     return bias

@@ -1,8 +1,8 @@
 """Gains of image noise and of manufacturing errors on the triangulated point.  The one first-order model.
 
 Every function here is written in scalar steps on arrays, without square roots or branches on values, so
-that the same source runs three ways: as Python, compiled by numba (``noise_gains_jit``), and on numpy
-arrays of CasADi symbols, where it builds the expression that the optimiser differentiates.
+that the same source runs three ways: as Python, compiled by numba, and on numpy arrays of CasADi
+symbols, where it builds the expression that the optimiser differentiates.
 
 Derivation (method: implicit function theorem at consistent data; paper Eqs 15-16, whose ``J_A^-1`` does
 not exist, rank 11 of 12, and means a pseudo-inverse).  With ``Y = (X - centroid, 1)``, a view's null
@@ -515,26 +515,6 @@ def room_for_gains(points: ArrayLike, row_weights: ArrayLike) -> ArrayLike:
 
 
 @register_jitable
-def noise_gains(
-    projections: ArrayLike,
-    points: ArrayLike,
-    weights: ArrayLike,
-    estimation: ArrayLike,
-    target: ArrayLike,
-    gains: ArrayLike,
-) -> None:
-    """Fills ``gains``, a ``PointGains``.
-
-    projections (V, 3, 4) mm -> px with |p3| = 1: the *effective* ones, ``P_v T_err1`` in the physical reading;
-    points (N, 3) nominal fiducials, mm; weights (V, N): 1 where a view's estimate uses a fiducial, 0 where it does
-    not; estimation: see ``Estimation``; target (3,) the noise-free reconstructed point, mm.
-    """
-    eliminated = room_for(projections.shape[0], points)
-    eliminate_for(estimation, projections, points, weights, eliminated)
-    gains_after(eliminated, projections, points, weights, estimation, target, gains)
-
-
-@register_jitable
 def gains_after(
     eliminated: ArrayLike,
     projections: ArrayLike,
@@ -544,8 +524,13 @@ def gains_after(
     target: ArrayLike,
     gains: ArrayLike,
 ) -> None:
-    """:func:`noise_gains`, which see, with what ``eliminate`` filled for each view, if the estimator is DLT: it is the
-    same for all targets."""
+    """Fills ``gains``, a ``PointGains``.
+
+    eliminated: by :func:`eliminate_for`, the same for all targets; projections (V, 3, 4) mm -> px with |p3| = 1: the
+    *effective* ones, ``P_v T_err1`` in the physical reading; points (N, 3) nominal fiducials, mm; weights (V, N): 1
+    where a view's estimate uses a fiducial, 0 where it does not; estimation: see ``Estimation``; target (3,) the
+    noise-free reconstructed point, mm.
+    """
     fiducial, target_gain, manufacturing, intrinsics, row_weights = gains
     views = projections.shape[0]
     count = points.shape[0]

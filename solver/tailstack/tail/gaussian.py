@@ -231,12 +231,6 @@ def norm_mean(mean: Array, covariance: Array) -> float:
     return float(norm_mean_jit(mean, covariance))
 
 
-def norm_cvar(p: float, mean: Array, covariance: Array) -> float:
-    """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p (expected shortfall).  Raises ValueError."""
-    r = norm_quantile(p, mean, covariance)
-    return r + norm_excess(r, mean, covariance) / (1.0 - p)
-
-
 def norm_excess(r: float, mean: Array, covariance: Array) -> float:
     """E[(|e| - r)+], mm.  r >= 0 mm, mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)

@@ -26,7 +26,7 @@ from ...people_tables import quote as shown
 from ...propagation.linear import LinearModel, linearise
 from ...results import Interval, Vector3
 from ...scoring import vector3
-from ...system import Effect, Law, System
+from ...system import Effect, System
 from .file import Group, Measurements, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
@@ -206,7 +206,7 @@ def describe_bench(
     here = _reach_level(system, read, group)
     place = [target.name for target in system.targets].index(group.target)
     model = linearise(here, here.targets[place])
-    box = _bounded_columns(model, error)
+    box = np.hstack([np.zeros((3, 0)), *(block.bounded_columns_mm(error) for block in model.blocks)])
     vectors = norms = None
     sizes, reason = group.sizes, ""
     if read.form == "summary":
@@ -253,17 +253,6 @@ def count_tests(bench: Bench) -> int:
         return len(_measured_norm_statistics(bench))
     several = (sum(bench.sizes) > len(bench.sizes)) + (len(bench.sizes) > 1)
     return 1 + several + (sum(bench.sizes) >= LEAST_FOR_TAIL)
-
-
-def _bounded_columns(model: LinearModel, error: str) -> Array:
-    """(3, b) mm: what each component without a law does at its half-width."""
-    columns = [
-        block.gain(error)[:, j] * block.half_width[j]
-        for block in model.blocks
-        for j, law in enumerate(block.laws)
-        if law is Law.BOUNDED and block.half_width[j] > 0
-    ]
-    return np.stack(columns, axis=1) if columns else np.zeros((3, 0))
 
 
 def choose_offset(bench: Bench) -> Array:
