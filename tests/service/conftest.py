@@ -8,10 +8,12 @@ from pathlib import Path
 
 import httpx
 import pytest
+from browsing import browser
 from dask_cluster import dask_cluster
 from editing import editor_tools
 from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
+from served import Served, served
 from service_scenes import client_with, commands
 from store_scenes import clock, command, migrated_database, migrated_file, store
 
@@ -21,6 +23,7 @@ from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
 
 __all__ = [
+    "browser",
     "clock",
     "command",
     "dask_cluster",
@@ -64,6 +67,15 @@ def client(request: pytest.FixtureRequest) -> Iterator[httpx.Client]:
     """Of a service in this process, as it comes and without a worker; ``CLIENT`` of the file says otherwise."""
     with client_with(**getattr(request.module, "CLIENT", {})) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def service(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, browser: None
+) -> Iterator[Served]:
+    """A service with its worker, whose page a browser opens; ``SERVED`` of the file adds to its environment."""
+    with served(tmp_path_factory.mktemp("service"), **getattr(request.module, "SERVED", {})) as running:
+        yield running
 
 
 @pytest.fixture

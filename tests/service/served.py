@@ -60,45 +60,40 @@ def environment(directory: Path, **changes: str) -> dict[str, str]:
 
 
 @contextmanager
-def served(directory: Path, *arguments: str, **changes: str) -> Iterator[Served]:
-    """A service that is ready; it and everything it started are ended when the block is left, whatever way.
+def serving(directory: Path, *arguments: str, **changes: str) -> Iterator[Served]:
+    """A service as soon as it says where it listens; it and everything it started are killed when the block is left.
 
+    It logs into a file, for a pipe that nobody reads is full after some hundred looks at it, and then it hangs.
     ``arguments`` are of ``tailstack serve``, ``changes`` of its environment.
     """
     log, variables = directory / "serve.log", environment(directory, **changes)
+    command = [*COMMAND, "serve", "--port", "0", *arguments]
     with log.open("w") as stderr:
         process = subprocess.Popen(
-            [*COMMAND, "serve", "--port", "0", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=stderr,
-            text=True,
-            env=variables,
-            preexec_fn=die_with_parent,
+            command, stdout=subprocess.PIPE, stderr=stderr, text=True, env=variables, preexec_fn=die_with_parent
         )
-    assert process.stdout is not None
-    try:
+    with ended(process):
+        assert process.stdout is not None
         line = process.stdout.readline()
         found = re.match(r"serving on (http://\S+)", line)
         assert found, line + log.read_text()
-        _await_ready(found.group(1), process, log)
         yield Served(found.group(1), variables, log, process)
-    finally:
-        _end(process)
 
 
-def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
-    with client_of(url) as client:
+@contextmanager
+def served(directory: Path, *arguments: str, **changes: str) -> Iterator[Served]:
+    """The same once it is ready; it is asked to stop, and only what does not is killed."""
+    with serving(directory, *arguments, **changes) as running:
+        with client_of(running.url) as client:
 
-        def ready() -> bool:
-            assert process.poll() is None, log.read_text()
-            return client.get("/health/ready").status_code == 200
+            def ready() -> bool:
+                assert running.process.poll() is None, running.log.read_text()
+                return client.get("/health/ready").status_code == 200
 
-        until(ready, log.read_text)
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """SIGTERM, and SIGKILL for whoever of the family is still there."""
-    with ended(process):
-        process.send_signal(signal.SIGTERM)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(LIMIT_SECONDS)
+            until(ready, running.log.read_text)
+        try:
+            yield running
+        finally:
+            running.process.send_signal(signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                running.process.wait(LIMIT_SECONDS)

@@ -14,14 +14,12 @@ from typing import Any
 import pytest
 import served
 import yaml
-from browsing import browser, used
+from browsing import used
 from copied_sources import commands_on, copy_sources, meet_matrix, path_of, tailstack
 from service_scenes import ROOT
 
 from family import run_process, run_python
 from waiting import LIMIT_SECONDS
-
-__all__ = ["browser"]
 
 SAG = {"half_width_mm": 0.6, "distribution": "uniform"}
 TIP = "bending of the structure"

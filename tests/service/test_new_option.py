@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browsing import browser, used
+from browsing import used
 from served import served
 from service_scenes import EXAMPLES, ROOT
 
@@ -112,8 +112,6 @@ def test_it_is_among_the_options_that_a_run_is_given(told: dict[str, Any]) -> No
 
 # --- a column -------------------------------------------------------------------------------------
 
-
-__all__ = ["browser"]
 
 BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
 TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'

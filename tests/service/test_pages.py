@@ -15,14 +15,12 @@ import docs_page
 import httpx
 import node
 import pytest
-from browsing import awaited, browser, look
+from browsing import awaited, look
 from postgres import go_without
 from service_scenes import ROOT, check_problem, client_of, client_with
 
 from tailstack_service.http import pages
 from tailstack_service.settings import Settings
-
-__all__ = ["browser"]
 
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
 SCRIPT = """document.title = "ran";

@@ -21,21 +21,20 @@ import httpx
 import psutil
 import pytest
 from openapi_scenes import ended_job
-from service_scenes import EXAMPLES, ROOT, ask, client_of, small_design
+from served import COMMAND, serving
+from service_scenes import EXAMPLES, ask, client_of, small_design
 
-from family import die_with_parent, ended
+from family import SOURCES, die_with_parent, ended
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import ServerSentEvent, read_events
 from waiting import LIMIT_SECONDS, until
 
 DEMO = str(EXAMPLES / "demo.yaml")
-PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
 
 
 def environment(**changes: str) -> dict[str, str]:
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
-    return {**kept, "PYTHONPATH": PATH, "OMP_NUM_THREADS": "1", **changes}
+    return {**kept, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1", **changes}
 
 
 def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
@@ -118,38 +117,17 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
 # --- serve ----------------------------------------------------------------------------------------
 
 
-LOG = "serve.log"
-
-
 @contextmanager
 def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A service process on a free port with a database of its own; it and its family are ended whatever happens.
-
-    It logs into a file, for a pipe that nobody reads is full after some hundred looks at it, and then it hangs.
-    """
-    own = {
-        "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}",
-        "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
-        "TAILSTACK_SHORT_WORKERS": "1",
-        "TAILSTACK_MAX_WAIT_SECONDS": "600",
-    }
-    with (folder / LOG).open("w") as log:
-        process = subprocess.Popen(
-            [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=log, text=True,
-            env=environment(**{**own, **changes}), preexec_fn=die_with_parent,
-        )  # fmt: skip
-    with ended(process):
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        found = re.match(r"serving on (http://\S+)", line)
-        assert found, line
-        yield process, found.group(1)
+    """A service process on a free port with a database of its own, and its address."""
+    with serving(folder, *arguments, **{"TAILSTACK_MAX_WAIT_SECONDS": "600", **changes}) as running:
+        yield running.process, running.url
 
 
 def said_by(process: subprocess.Popen[str], folder: Path) -> tuple[str, str]:
     """What a service that ends has printed, and its log."""
     out, _ = process.communicate(timeout=LIMIT_SECONDS)
-    return out, (folder / LOG).read_text()
+    return out, (folder / "serve.log").read_text()
 
 
 def family_of(process: subprocess.Popen[str]) -> list[psutil.Process]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browsing import browser, look, page_of
+from browsing import look, page_of
 from service_scenes import EXAMPLES, client_with, limited
 
 from tailstack import load_design, score, verify
@@ -26,8 +26,6 @@ from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.scene import LayoutScene, scene_json, scene_of
 from tailstack_service.report.scene_picture import draw_scene
-
-__all__ = ["browser"]
 
 pytestmark = pytest.mark.usefixtures("browser")
 WIDE, NARROW = 1280, 360

@@ -13,7 +13,6 @@ import shutil
 import signal
 import subprocess
 import zipfile
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from typing import Any
 import generate
 import pytest
 import yaml
-from browsing import DEMO, asked, browser, playing, used
+from browsing import DEMO, asked, playing, used
 from openapi_scenes import pinned_tools
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT, ask
@@ -32,16 +31,8 @@ from tailstack import load_design, score
 from tailstack_service.documents import to_json
 from waiting import LIMIT_SECONDS
 
-__all__ = ["browser"]
-
 SOURCES, BUILT = ROOT / "service" / "workbench", ROOT / "service" / "tailstack_service" / "workbench"
 SCRIPT = "workbench.mjs"  # the scenarios
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def design_with(**changes: Any) -> str:

@@ -5,20 +5,17 @@ The page's geometry is `independent` of the optimiser's regions and isometries t
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, browser, used
+from browsing import DEMO, used
 from page_in_node import call_page
-from served import Served, served
+from served import Served
 
 from tailstack.optimisation import regions
-
-__all__ = ["browser"]
 
 KEPT = """
 const { settle, wayOut } = require("./keeping");
@@ -143,12 +140,6 @@ def turned_by(places: np.ndarray, point: np.ndarray, unit: np.ndarray, angle: fl
     (x, y, z), offset = unit, places - point
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(point + offset @ (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross).T)
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def beads_of(text: str) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import yaml
-from browsing import DEMO, browser, used
+from browsing import DEMO, used
 from served import Served, served
 from service_scenes import ask
 from test_prefix import NGINX
@@ -24,17 +24,12 @@ from family import die_with_parent, ended
 from tailstack import load_design, score, score_batch
 from waiting import until
 
-__all__ = ["browser"]
-
 pytestmark = pytest.mark.long
 SHOTS = 20_000
 BELOW = "/tools/tailstack"
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("found"), TAILSTACK_MAX_TRIALS=str(SHOTS)) as running:
-        yield running
+SERVED = {"TAILSTACK_MAX_TRIALS": str(SHOTS)}  # of the service that the tests ask
 
 
 def found_by(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:

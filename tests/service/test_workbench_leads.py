@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import yaml
-from browsing import DEMO, browser, used
-from served import Served, served
+from browsing import DEMO, used
+from served import Served
 from service_scenes import EXAMPLES, ROOT, ask
 
 from tailstack import load_design, score
 from tailstack.design.assumed import list_assumed
 from tailstack_service.cli.main import main
 from tailstack_service.first_design import Beads, design_of_beads
-
-__all__ = ["browser"]
 
 SCRIPT = "leads.mjs"
 POINTS: list[tuple[str, tuple[float, float, float]]] = [
@@ -27,12 +24,6 @@ POINTS: list[tuple[str, tuple[float, float, float]]] = [
     for x, y, z in [point["position_mm"]]
 ]
 CSV = "label,x_mm,y_mm,z_mm\n" + "".join(f"{label},{x},{y},{z}\n" for label, (x, y, z) in POINTS)
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("leads")) as running:
-        yield running
 
 
 def led(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:

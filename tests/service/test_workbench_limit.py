@@ -8,27 +8,18 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from browsing import DEMO, asked, browser, playing, used
+from browsing import DEMO, asked, playing, used
 from served import Served, served
 from service_scenes import EXAMPLES
 
 from tailstack import Design, allocate, load_design, score
 
-__all__ = ["browser"]
-
 SCRIPT = "limit.mjs"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def text_of(name: str) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, asked, browser, playing, used
+from browsing import DEMO, asked, playing, used
 from scipy.stats import qmc
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES
@@ -32,8 +32,6 @@ from tailstack import load_design, score
 from tailstack.optimisation.present import merit_as_written
 from tailstack.optimisation.request import read_request
 from waiting import LIMIT_SECONDS
-
-__all__ = ["browser"]
 
 SCRIPT = """
 const page = require("./sample.js");
@@ -169,12 +167,6 @@ def test_what_is_kept_is_in_every_range_and_the_picture_counts_just_that(tmp_pat
 
 
 # --- in a browser -----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("many")) as running:
-        yield running
 
 
 def seen(service: Served, scenario: str, **more: Any) -> dict[str, Any]:

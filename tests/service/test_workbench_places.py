@@ -6,26 +6,17 @@ place, and differences of them."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, browser, used
-from served import Served, served
+from browsing import DEMO, used
+from served import Served
 
 from tailstack import IllPosedError, load_design, score
 
-__all__ = ["browser"]
-
 STEP_MM = 0.05  # of central differences: they are off by some 1e-6 of themselves
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def drawn(service: Served, scenario: str, **more: Any) -> dict[str, Any]:

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, browser, used
-from served import Served, served
+from browsing import DEMO, used
+from served import Served
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import load_design, score
 from tailstack.results.verdicts import decisive_check
 
-__all__ = ["browser"]
-
 UNITS = EXAMPLES / "gallery" / "per_unit_limit.yaml"
 ROTATIONS = {"min_deg": 0.01, "max_deg": 0.5}
 BUILT = ROOT / "service" / "tailstack_service" / "workbench"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def shown(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:

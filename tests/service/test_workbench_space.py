@@ -7,23 +7,20 @@ from __future__ import annotations
 import base64
 import random
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, browser, used
+from browsing import DEMO, used
 from page_in_node import call_page
 from scipy.stats import binom
-from served import Served, served
+from served import Served
 from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
 from tailstack_service.operations.layout import lay_out
-
-__all__ = ["browser"]
 
 MICROMETRE = 1e-3  # mm
 
@@ -144,12 +141,6 @@ def test_what_is_no_surface_is_refused_in_words(tmp_path: Path) -> None:
     assert all("no triangles" in words for words in said[:4]), said
     assert "farther than 1 km" in said[4]
     assert "has an area" in said[5]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("workbench")) as running:
-        yield running
 
 
 def carrier() -> np.ndarray:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterator
 from typing import Any, cast
 
 import pytest
 import yaml
-from browsing import DEMO, browser, used
+from browsing import DEMO, used
 from served import Served, served
 from service_scenes import EXAMPLES
 
@@ -20,16 +19,8 @@ from tailstack import Design, load_design, score
 from tailstack.effects.image_field import FieldOfView
 from tailstack.errors import DesignError, TailstackError
 
-__all__ = ["browser"]
-
 SCRIPT = "state.mjs"
 THEATRE = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("state")) as running:
-        yield running
 
 
 def seen(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
