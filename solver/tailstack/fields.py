@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from math import inf
+from math import hypot, inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import (
@@ -171,6 +171,12 @@ COVERAGE_WORDS = (
     "normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, "
     "3: 99.7 %). Default 2."
 )
+
+
+def are_parallel(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
+    """Whether two directions are the same line to 1e-6 rad, or one of them is none."""
+    cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return hypot(*cross) <= 1e-6 * hypot(*a) * hypot(*b)
 
 
 def with_law(width: str, usual: str = "uniform") -> Any:

@@ -1,6 +1,6 @@
 """Units as people write them in names, what each measures, and how many of ours one is: ``tables/words.json``.
 
-Ours are mm, deg, N, K, px, s and byte; a share has 1.  ``read_unit`` reads compounds too: ``um_per_m_k``, ``mm2``.
+Ours are mm, deg, N, Nm, K, px, s and byte; a share has 1.  ``read_unit`` reads compounds too: ``um_per_m_k``, ``mm2``.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _LABELS = {
     "_n": "N",
     "_k": "K",
 }
+_MOMENTS = {"nm": "Nm", "knm": "kNm", "nmm": "Nmm"}  # as they are written
 
 
 class Unit(NamedTuple):
@@ -40,7 +41,8 @@ class Unit(NamedTuple):
     powers: tuple[tuple[str, int], ...]  # of the dimensions, those of 0 left out
 
     def __str__(self) -> str:
-        above, below = split_per([word.upper() if word in "nkcf" else word for word in self.words])
+        spelt = _MOMENTS if "moment" in dict(self.powers) else {}
+        above, below = split_per([word.upper() if word in "nkcf" else spelt.get(word, word) for word in self.words])
         under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
         return f"{' '.join(above) or 1}/{under}" if under else " ".join(above)
 
@@ -67,6 +69,8 @@ def read_unit(words: Sequence[str]) -> Unit | None:
     above, below = split_per(words)
     if len(above) > 1 or not (above or below) or ("per" in words and not below):
         return None
+    if above == ["nm"] and any(_SIMPLE.get(word, ("",))[0] == "angle" for word in below):
+        above = ["newtonmetre"]  # of a stiffness in turning: nothing is nanometres per degree
     powers: dict[str, int] = {}
     factor = 1.0
     for word, sign in (*((word, 1) for word in above), *((word, -1) for word in below)):

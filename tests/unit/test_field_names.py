@@ -183,6 +183,8 @@ def test_a_rotation_in_another_form_is_the_same_rotation(name: str, value: list[
     ("compliance_um_per_n", ["matrix_mm_per_n"], [[5, 0, 0], [0, 5, 0], [0, 0, 1]], {},
      ("matrix_mm_per_n", [[0.005, 0, 0], [0, 0.005, 0], [0, 0, 0.001]])),
     ("focal_percent_sd", ["focal_rel_sd"], 1, {}, ("focal_rel_sd", 0.01)),
+    ("stiffness_knm_per_rad", ["stiffness_nm_per_rad"], [40, 1], {}, ("stiffness_nm_per_rad", [4e4, 1000])),
+    ("stiffness_nm_per_deg", ["stiffness_nm_per_rad"], [100], {}, ("stiffness_nm_per_rad", [18000 / np.pi])),
 ])  # fmt: skip
 def test_what_a_name_means_is_converted(
     name: str, fields: list[str], value: Any, around: dict[str, Any], line: tuple[str, Any]
@@ -198,6 +200,7 @@ def test_what_a_name_means_is_converted(
     ("std_mm", ["half_width_mm"], {"distribution": "bounded"}, "the law between them is not stated"),
     ("quaternion", POSE, {}, "the scalar comes first"),
     ("half_width_percent", ["half_width_deg"], {}, "cannot be converted"),
+    ("stiffness_nanometres_per_rad", ["stiffness_nm_per_rad"], {}, "it is in Nm/rad, and nanometres/rad cannot be"),
     ("fiducial_noise_rms_px", ["fiducial_noise_px"], {}, "of whole points divide by the root of 2"),
     ("euler_deg", POSE, {}, "Rx(rx) Ry(ry) Rz(rz)"),
     ("noise_px", ["fiducial_noise_px", "target_noise_px"], {}, "fiducial_noise_px or target_noise_px?"),

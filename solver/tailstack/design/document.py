@@ -47,6 +47,7 @@ from ..fields import (
     RandomLaw,
     Record,
     Rotation3,
+    are_parallel,
     exactly_one,
     leave_out_later,
     not_both,
@@ -223,13 +224,11 @@ class _Aimed(_View):
 
     @model_validator(mode="after")
     def _directions_differ(self) -> _Aimed:
-        b, u = self.beam, self.up_direction
-        cross = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
-        size_b, size_u, size_c = [max(map(abs, v)) for v in (b, u, cross)]
-        if size_b == 0 or size_u == 0 or size_c < 1e-6 * size_b * size_u:
+        beam, up = self.beam, self.up_direction
+        if are_parallel(beam, up):
             raise refusal(
                 "parallel-directions",
-                f"beam direction {list(b)} and up_direction {list(u)} must be two different directions, not zero",
+                f"beam direction {list(beam)} and up_direction {list(up)} must be two different directions, not zero",
                 "choose an up_direction across the beam",
                 "up_direction",
             )

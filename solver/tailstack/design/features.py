@@ -39,7 +39,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ..fields import Direction, Name, Point, Record, refusal
+from ..fields import Direction, Name, Point, Record, are_parallel, refusal
 from ..geometry.arrays import Array
 from ..ranges import SEAT_MM, AnySize
 from .iso286 import Deviations, read_fit
@@ -119,9 +119,7 @@ class _Feature(Record):
 
     @model_validator(mode="after")
     def _has_a_frame(self) -> Self:
-        if np.linalg.norm(np.cross(self.normal, self.along)) < 1e-6 * np.linalg.norm(self.normal) * np.linalg.norm(
-            self.along
-        ) or not (any(self.normal) and any(self.along)):
+        if are_parallel(self.normal, self.along):
             detail = f"along is parallel to the normal, or one of them is 0: {self.along} and {self.normal} arrived"
             raise refusal(
                 "zero-direction", detail, "give two directions at an angle, as [1, 0, 0] and [0, 0, 1]", "along"

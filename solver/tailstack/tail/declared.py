@@ -51,7 +51,7 @@ from .lattice import (
     reach_of,
     sum_of_products,
 )
-from .pairs import LOG2_POINTS, LOG2_RARE, PairGradient, PairSample, mean_and_error, sample_pair
+from .pairs import LOG2_POINTS, LOG2_RARE, SMALLEST_MM, PairGradient, PairSample, mean_and_error, sample_pair
 from .sampling import Sample, sample
 
 _WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
@@ -71,7 +71,6 @@ _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
-SMALLEST_MM = 1e-12
 FAR = 10.0  # standard deviations within which all of a law is: beyond is less than exp(-50)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
 
