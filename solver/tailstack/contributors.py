@@ -47,7 +47,7 @@ class Columns(NamedTuple):
         gain = np.compress(which, self.gain, axis=1)  # C-contiguous, as kernels take it
         return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.drawn[which], self.room)
 
-    def held(self, level: Drawn) -> NDArray[np.bool_]:
+    def constant_in(self, level: Drawn) -> NDArray[np.bool_]:
         """(K,) which stay what they are throughout one ``level`` (a unit, a mounting); the others are drawn again."""
         return np.asarray(self.drawn <= level.rank)
 
@@ -205,7 +205,7 @@ def risk_of_units(
 
     What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
     """
-    once = at.columns.held(level)
+    once = at.columns.constant_in(level)
     installed, shot = (
         law_of(at.worst.mean_mm, at.columns.only(once)),
         law_of(np.zeros_like(at.worst.mean_mm), at.columns.only(~once)),

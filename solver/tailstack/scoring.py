@@ -147,7 +147,7 @@ def score(
 def _levers(
     design: Design | System, system: System, metrics: Mapping[tuple[str, str], ErrorScore], told: Sequence[TargetScore]
 ) -> Iterator[Lever]:
-    for item in _limited(system):
+    for item in _requirements_of(system):
         models = [metrics[name, item.error].model for name in item.targets]
         by_budget = item.error == "tcp" and item.is_quantile and item.risk == "pooled" and item.quantile == P95
         budgets = [each.contributors for each in told if by_budget and each.name in item.targets]
@@ -189,7 +189,7 @@ def _fields(metric: MetricScore) -> dict[str, Any]:
     return {field: getattr(metric, field) for field in MetricScore.__dataclass_fields__}
 
 
-def _limited(system: System) -> tuple[Requirement, ...]:
+def _requirements_of(system: System) -> tuple[Requirement, ...]:
     """Every requirement; without one, P95 of the error at the tool without a limit."""
     every = tuple(target.name for target in system.targets)
     return system.requirements or (Requirement("", "tcp", P95, inf, P95, every),)
@@ -200,7 +200,7 @@ def _losses(
 ) -> tuple[Losses, ...]:
     """What losses do to every requirement; without one, to P95 of the error at the tool."""
     losses = []
-    for item in _limited(system):
+    for item in _requirements_of(system):
         if not item.is_quantile:  # what is lost is looked for by quantiles
             continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]

@@ -219,7 +219,7 @@ class Tolerances(Record):
         shifts = [TranslationTolerance(half_width_mm=width, distribution=Distribution.NORMAL) for width in widths[3:]]
         return dict(zip(TORSOR_COMPONENTS, [*turns, *shifts], strict=True))
 
-    def correlated(self, name: str) -> bool:
+    def is_correlated(self, name: str) -> bool:
         """Whether a component goes together with others."""
         return bool(np.count_nonzero(self._coefficients[TORSOR_COMPONENTS.index(name)]) > 1)
 

@@ -39,7 +39,7 @@ def test_ends_apart_and_ends_alike_have_their_closed_forms() -> None:
     for r in (0.8, 1.3, 2.0):
         one = 1 - np.exp(-2 * r * r)
         both = PairLaw(normal_pair(apart), 0.95, fine=True)
-        value, error = both.exceedance(r), both.added(r)[1]
+        value, error = both.exceedance(r), both.probability_added(r)[1]
         assert value == pytest.approx(1 - one**2, rel=5e-3)
         assert abs(value - (1 - one**2)) < 5 * error
         assert PairLaw(normal_pair(alike), 0.95, fine=True).exceedance(r) == pytest.approx(1 - one, rel=1e-9)

@@ -64,7 +64,7 @@ def _elevation(
         begin, end = foot + NEAR, foot + NEAR + 12
         lowest = corner[1] + scale * (high[2] - up[across == value].min())
         parts += [line(at, lowest, at, begin, FAINT, 0.5), line(at, begin, aside, end, FAINT, 0.5)]
-        parts.append(_turned(aside, end + 3, value))
+        parts.append(_vertical_number(aside, end + 3, value))
     for value, at, aside in _ordinates(up, corner[1] + scale * high[2], -scale, foot - corner[1] + TOP):
         begin, end = corner[0] - NEAR, corner[0] - NEAR - 12
         leftmost = corner[0] + scale * (across[up == value].min() - low[axis])
@@ -100,7 +100,7 @@ def _number(value: float) -> str:
     return f"{value + 0.0:g}".replace("-", "−")
 
 
-def _turned(x: float, y: float, value: float) -> str:
+def _vertical_number(x: float, y: float, value: float) -> str:
     """A number below its leader, read from the right."""
     return (
         f'<text x="{trim(x + 3)}" y="{trim(y)}" font-size="10" text-anchor="end" '

@@ -215,17 +215,17 @@ def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list
         if interface is not None and interface.tolerances is not None:
             tolerances = interface.tolerances
             stated = [axis for axis in components if getattr(tolerances, axis) is not None]
-            declared += [(name, axis) for axis in stated if not tolerances.correlated(axis)]
+            declared += [(name, axis) for axis in stated if not tolerances.is_correlated(axis)]
     return declared
 
 
 def find_correlated(document: DesignDocument, interface: str, component: str) -> bool:
     """Whether a component of an interface goes together with others of it."""
     held: Interface | None = getattr(document.interfaces, interface)
-    return held is not None and held.tolerances is not None and held.tolerances.correlated(component)
+    return held is not None and held.tolerances is not None and held.tolerances.is_correlated(component)
 
 
-def _correlated(pointer: str, interface: str, component: str) -> Problem:
+def _refuse_correlated(pointer: str, interface: str, component: str) -> Problem:
     detail = f"{interface} {component} is correlated with others: what a part of them costs alone is not modelled"
     return Problem(pointer, "correlated", detail, "leave it out here: its half-width stays, and beads move under it")
 
@@ -300,7 +300,7 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
         if find_correlated(document, free.interface, free.component):
-            problems.append(_correlated(pointer, free.interface, free.component))
+            problems.append(_refuse_correlated(pointer, free.interface, free.component))
         elif interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
             detail = f"{free.interface} declares no tolerance for {free.component}: its law is not known"
             cure = f"add interfaces/{free.interface}/tolerances/{free.component}"

@@ -62,7 +62,7 @@ def find_deviations(tolerance_class: str, diameter_mm: float) -> Deviations:
     letter, grade = match[1], int(match[2])
     if letter not in (*SHAFTS, *HOLES):
         raise ValueError(
-            f"the letter {letter} is not known here: of shafts {_listed(SHAFTS)}, of holes {_listed(HOLES)}"
+            f"the letter {letter} is not known here: of shafts {_join_letters(SHAFTS)}, of holes {_join_letters(HOLES)}"
         )
     if grade not in WIDTHS_UM:
         raise ValueError(f"grade {grade} is not known here: {min(WIDTHS_UM)} to {max(WIDTHS_UM)} are")
@@ -89,5 +89,5 @@ def read_fit(fit: str, diameter_mm: float) -> tuple[Deviations, Deviations]:
     return find_deviations(hole, diameter_mm), find_deviations(shaft, diameter_mm)
 
 
-def _listed(letters: tuple[str, ...]) -> str:
+def _join_letters(letters: tuple[str, ...]) -> str:
     return ", ".join(letters)

@@ -114,7 +114,7 @@ class CommonOfFiducials(Record):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [name for name, _, _ in _named(self)]
+        names = [name for name, _, _ in _name_each(self)]
         for index, name in enumerate(names):
             if name in names[:index]:
                 detail = f"two clampings are called {name!r}"
@@ -155,14 +155,14 @@ class ClampingEffect(Effect):
         return ((Place.BEADS, None),)
 
 
-def _named(section: CommonOfFiducials) -> Iterator[tuple[str, Clamping, str]]:
+def _name_each(section: CommonOfFiducials) -> Iterator[tuple[str, Clamping, str]]:
     """Name, clamping and where it stands among the fiducials."""
     for index, declared in enumerate(section.common or ()):
         yield declared.name or f"C{index + 1}", declared, f"/fiducials/common/{index}"
 
 
 def _compile(section: CommonOfFiducials, setting: Setting) -> Iterator[Effect]:
-    for name, each, pointer in _named(section):
+    for name, each, pointer in _name_each(section):
         pivot = None if each.pivot_mm is None else frozen(each.pivot_mm)
         labels = None if each.fiducials is None else tuple(each.fiducials)
         name, label = f"clamping:{name}", f"drilled in one clamping, {name}"
@@ -170,7 +170,7 @@ def _compile(section: CommonOfFiducials, setting: Setting) -> Iterator[Effect]:
 
 
 def _list_fiducials(section: CommonOfFiducials) -> Iterator[tuple[str, Sequence[str]]]:
-    return ((f"{pointer}/fiducials", each.fiducials) for _, each, pointer in _named(section) if each.fiducials)
+    return ((f"{pointer}/fiducials", each.fiducials) for _, each, pointer in _name_each(section) if each.fiducials)
 
 
 def _not_modelled(system: System) -> str:

@@ -53,7 +53,7 @@ class Mesh:
         return self.corners_mm[self.triangles]
 
     @cached_property
-    def doubled(self) -> Array:
+    def area_normals(self) -> Array:
         """(T, 3) normals, as long as twice the areas."""
         a, b, c = np.moveaxis(self.places_mm, 1, 0)
         return np.cross(b - a, c - a)
@@ -61,16 +61,16 @@ class Mesh:
     @property
     def normals(self) -> Array:
         """(T, 3) of unit length, outwards."""
-        return np.asarray(self.doubled / np.linalg.norm(self.doubled, axis=1, keepdims=True))
+        return np.asarray(self.area_normals / np.linalg.norm(self.area_normals, axis=1, keepdims=True))
 
     @property
     def areas_mm2(self) -> Array:
-        return np.asarray(np.linalg.norm(self.doubled, axis=1) / 2)
+        return np.asarray(np.linalg.norm(self.area_normals, axis=1) / 2)
 
     @property
     def volume_mm3(self) -> float:
         """What a closed surface encloses; below zero where its triangles face inwards."""
-        return float((self.places_mm[:, 0] * self.doubled).sum() / 6)
+        return float((self.places_mm[:, 0] * self.area_normals).sum() / 6)
 
     @cached_property
     def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
@@ -180,7 +180,7 @@ class Mesh:
     @cached_property
     def _bordering(self) -> tuple[Array, Array]:
         """(T, 3, 3) of each triangle: unit normals at its corners, by the angles there, and on the sides opposite."""
-        normals, size = self.normals, np.linalg.norm(self.doubled, axis=1)
+        normals, size = self.normals, np.linalg.norm(self.area_normals, axis=1)
         at_corners = np.zeros_like(self.corners_mm)
         for k in range(3):
             one, other = (self.places_mm[:, (k + n) % 3] - self.places_mm[:, k] for n in (1, 2))
@@ -194,7 +194,7 @@ class Mesh:
     def _normals_at(self, at_mm: Array, triangle: NDArray[np.int64]) -> Array:
         """(M, 3) at points of triangles."""
         at_corners, on_sides = self._bordering
-        weights = _weights(at_mm, self.places_mm[triangle], self.doubled[triangle])
+        weights = _weights(at_mm, self.places_mm[triangle], self.area_normals[triangle])
         inner, rows = weights > ON_EDGE, np.arange(len(triangle))
         corner, side = at_corners[triangle][rows, inner.argmax(axis=1)], on_sides[triangle][rows, inner.argmin(axis=1)]
         count = inner.sum(axis=1)[:, None]
@@ -207,11 +207,11 @@ def _unit(rows: Array) -> Array:
     return np.asarray(rows / np.where(size > 0, size, 1.0))
 
 
-def _weights(at_mm: Array, places_mm: Array, doubled: Array) -> Array:
+def _weights(at_mm: Array, places_mm: Array, area_normals: Array) -> Array:
     """(M, 3) of the corners of triangles (M, 3, 3) at points in their planes, or below and above them."""
     a, b, c = np.moveaxis(places_mm, 1, 0)
-    size = (doubled**2).sum(axis=1)
-    first, second = ((np.cross(q - p, at_mm - p) * doubled).sum(axis=1) / size for p, q in ((b, c), (c, a)))
+    size = (area_normals**2).sum(axis=1)
+    first, second = ((np.cross(q - p, at_mm - p) * area_normals).sum(axis=1) / size for p, q in ((b, c), (c, a)))
     return np.stack([first, second, 1 - first - second], axis=1)
 
 

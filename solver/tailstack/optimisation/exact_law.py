@@ -159,7 +159,7 @@ def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
 
 def unit_laws(columns: Columns, demand: QuantileConstraint, mean_mm: Array) -> tuple[LinearLaw, LinearLaw]:
     """Of what stays what it is throughout a unit, or a mounting, and of what is drawn again."""
-    once = columns.held(demand.level)
+    once = columns.constant_in(demand.level)
     return law_of(mean_mm, columns.only(once)), law_of(np.zeros_like(mean_mm), columns.only(~once))
 
 
@@ -222,7 +222,7 @@ class LawSlopes:
 def law_slopes(model: ErrorModel, demand: QuantileConstraint, mean_mm: Array) -> LawSlopes:
     """At a mean (3,) mm; nested, columns of what is drawn again are taken as normal."""
     requirement, columns = demand.requirement, columns_of(model, demand.requirement.error)
-    held = columns.held(demand.level) if demand.nested else np.full(len(columns.kinds), True)
+    held = columns.constant_in(demand.level) if demand.nested else np.full(len(columns.kinds), True)
     keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
     where = {keys[k]: column for column, k in enumerate(np.flatnonzero(held & columns.wide).tolist())}
     if demand.nested:

@@ -229,15 +229,15 @@ def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], thr
 def _key(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int) -> bytes:
     """All that a programme is built from but its limits: first order, of measures too."""
 
-    def unlimited(requirement: Requirement) -> Requirement:
+    def drop_limit(requirement: Requirement) -> Requirement:
         return replace(requirement, limit=1.0)
 
     system = replace(problem.system, requirements=())
-    survival = problem.survival and replace(problem.survival, requirement=unlimited(problem.survival.requirement))
-    requirements = tuple(map(unlimited, problem.requirements))
+    survival = problem.survival and replace(problem.survival, requirement=drop_limit(problem.survival.requirement))
+    requirements = tuple(map(drop_limit, problem.requirements))
     problem = replace(problem, system=system, requirements=requirements, survival=survival)
     bare = [
-        replace(term, demand=replace(own, requirement=unlimited(own.requirement), site=replace(own.site, exact=None)))
+        replace(term, demand=replace(own, requirement=drop_limit(own.requirement), site=replace(own.site, exact=None)))
         for term, own in ((term, term.demand) for term in terms)
     ]
     return sha256(pickle.dumps((problem, bare, threads))).digest()

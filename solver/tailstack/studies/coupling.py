@@ -250,7 +250,7 @@ def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: PointError
     norms = np.linalg.norm(evaluate(at_rest, z)[:, :, POINT_ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
         columns = columns_of(model, error)
-        quiet = law_of(np.zeros(3), columns.only(~columns.held(Drawn.MOUNTING)))
+        quiet = law_of(np.zeros(3), columns.only(~columns.constant_in(Drawn.MOUNTING)))
         ratio = take_quantile(sample, P95) / law_quantile(quiet, P95).quantile_mm
         if not 1 / FAILS < ratio < FAILS:
             return True
@@ -416,10 +416,10 @@ class _FirstOrder:
 
 def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
-    once = at.columns.held(Drawn.MOUNTING)
+    once = at.columns.constant_in(Drawn.MOUNTING)
     shot, mounted = at.columns.only(~once), at.columns.only(once & (case.level is None))
     at_rest = columns_of(still, error)
-    quiet = at_rest.only(~at_rest.held(Drawn.MOUNTING))
+    quiet = at_rest.only(~at_rest.constant_in(Drawn.MOUNTING))
     # Of a level only the interface's own displacement counts, and bounded components stand at their centres.
     mean = at.worst.mean_mm if case.level is None else model.bias_mm(error)
     zero = np.zeros(3)

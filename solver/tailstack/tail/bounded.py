@@ -149,7 +149,7 @@ def _rank(law: LinearLaw, means: Array, p: float, value: Callable[[LinearLaw], f
         return np.array([value(LinearLaw(mean, law.total_covariance, *nothing, law.room)) for mean in means])
     if law.room is not None:  # as they are near the quantile of the first
         r = law_quantile(replace(law, mean=means[0]), p).quantile_mm
-        law, means = law.narrowed(r), means * law.scale_at(r)
+        law, means = law.without_room(r), means * law.scale_at(r)
     ends = zip(law.ends, np.split(means, len(law.ends), axis=1), strict=True)
     each = [norm_quantiles(p, np.ascontiguousarray(own), end.total_covariance) for end, own in ends]
     return np.asarray(np.max(each, axis=0))

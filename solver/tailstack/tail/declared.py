@@ -110,7 +110,7 @@ class LinearLaw:
             for k, h in ((k, self.columns[k]) for k in (slice(0, 3), slice(3, 6)))
         )
 
-    def narrowed(self, r: float) -> LinearLaw:
+    def without_room(self, r: float) -> LinearLaw:
         """The law without room whose lengths are within r where those of this one are."""
         if self.room is None:
             return self
@@ -392,14 +392,14 @@ class OneSidedLaw:
         moved = law.mean + np.array([self.shift, 0.0, 0.0])
         self.whole = single_evaluation(LinearLaw(moved, law.covariance, law.columns, law.kinds), p, fine)
 
-    def signed(self, p: float) -> LawQuantile:
+    def signed_quantile(self, p: float) -> LawQuantile:
         """Of x itself, which may be below 0."""
         found = self.whole.quantile(p)
         return found._replace(quantile_mm=found.quantile_mm - self.shift)
 
     def quantile(self, p: float) -> LawQuantile:
         """Where it is 0 it has no density there, and no slope."""
-        found = self.signed(p)
+        found = self.signed_quantile(p)
         return found if found.quantile_mm > 0 else found._replace(quantile_mm=0.0, density=0.0)
 
     def probability(self, r: float) -> float:
@@ -451,7 +451,7 @@ class PairLaw:
         """The first alone, as it is within r."""
         if self.law.room is None:
             return self._longer
-        return single_evaluation(self.law.narrowed(r).ends[self.first], self.p, self.fine)
+        return single_evaluation(self.law.without_room(r).ends[self.first], self.p, self.fine)
 
     @cached_property
     def points(self) -> PairSample:
@@ -465,7 +465,7 @@ class PairLaw:
     def _sample(self, log2_points: int) -> PairSample:
         return sample_pair(self.law.covariance, self.law.columns, self.law.kinds, log2_points)
 
-    def added(self, r: float, rare: bool = False) -> tuple[float, float]:
+    def probability_added(self, r: float, rare: bool = False) -> tuple[float, float]:
         """P(|x_1| <= r < |x_2|), and its standard error."""
         points = self.rare_points if rare else self.points
         return mean_and_error(points.outside(self.law.mean, r, self.room, self.first))
@@ -477,11 +477,11 @@ class PairLaw:
             low = 0.0
         r = find_radius(self.probability, p, low or self.highest, low)
         density = (self.probability(1.001 * r) - self.probability(0.999 * r)) / (0.002 * r) if r else 0.0
-        return LawQuantile(p, r, density, PAIR_METHOD, self.added(r)[1] / density if density else 0.0)
+        return LawQuantile(p, r, density, PAIR_METHOD, self.probability_added(r)[1] / density if density else 0.0)
 
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
-        return max(self.longer_at(r).probability(r) - self.added(r)[0], 0.0)
+        return max(self.longer_at(r).probability(r) - self.probability_added(r)[0], 0.0)
 
     def exceedance(self, r: float) -> float:
         """P(|e| > r)"""
@@ -489,9 +489,9 @@ class PairLaw:
 
     def exceedance_with_error(self, r: float) -> tuple[float, float]:
         """The same, and the standard error of what is sampled of it."""
-        alone, (added, error) = self.longer_at(r).exceedance(r), self.added(r)
+        alone, (added, error) = self.longer_at(r).exceedance(r), self.probability_added(r)
         if error > RARE_ERROR * (alone + added) + RARE_FLOOR:
-            added, error = self.added(r, rare=True)
+            added, error = self.probability_added(r, rare=True)
         return alone + added, error
 
     def excess(self, r: float) -> float:
@@ -505,7 +505,7 @@ class PairLaw:
         at = (r + 0.5 * span * (1 + nodes)).tolist()
         if self.law.room is not None:
             return 0.5 * span * float(np.dot(weights, [1 - self.probability(x) for x in at]))
-        return self._longer.excess(r) + 0.5 * span * float(np.dot(weights, [self.added(x)[0] for x in at]))
+        return self._longer.excess(r) + 0.5 * span * float(np.dot(weights, [self.probability_added(x)[0] for x in at]))
 
     def gradient(self, mixture: Quantiles) -> LawGradient:
         every = [[weight * each for each in self._gradient_of(total)] for total, weight in mixture]

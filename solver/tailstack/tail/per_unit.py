@@ -177,7 +177,7 @@ def _solve_pairs(p: float, offset: Array, distance: Array, shot: LinearLaw) -> t
     room = np.zeros(6) if shot.room is None else shot.room
     for rows in (slice(0, 3), slice(3, 6)):
         own, covariance = offset[:, rows], shot.total_covariance[rows, rows]
-        alone.append(_closed(p, own, np.linalg.norm(own, axis=1), covariance) - room[rows][:2].min())
+        alone.append(_pearson_quantiles(p, own, np.linalg.norm(own, axis=1), covariance) - room[rows][:2].min())
     return rays.quantiles(offset, p, room, np.maximum(np.max(alone, axis=0), SMALLEST_MM)), rays
 
 
@@ -191,14 +191,14 @@ def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple
     if p > 0.5:
         low = distance + ndtri(p) * np.sqrt(spread) / np.maximum(distance, 1e-300)
     high = np.maximum(distance + wide, low)
-    closed = _closed(p, offset, distance, covariance)
+    closed = _pearson_quantiles(p, offset, distance, covariance)
     pilot = np.argsort(closed)[np.linspace(0, closed.size - 1, min(closed.size, PILOT)).astype(int)]
     error = norm_quantiles(p, offset[pilot], covariance) - closed[pilot]
     low = np.maximum(low, closed + 2.0 * error.min() - error.max())
     return low, np.maximum(np.minimum(high, closed + 2.0 * error.max() - error.min()), low)
 
 
-def _closed(p: float, offset: Array, distance: Array, covariance: Array) -> Array:
+def _pearson_quantiles(p: float, offset: Array, distance: Array, covariance: Array) -> Array:
     """R (n,) by Pearson's closed form, at offsets (n, 3) of these lengths (n,), for shots N(0, covariance)."""
     square = covariance @ covariance
     return np.asarray(
@@ -397,7 +397,9 @@ def _signed_parts(
 ) -> tuple[LawQuantile, LawQuantile]:
     """Of one number that counts on one side: what of the units' own offset and what of the shots, whose quantile is
     the same in all of them.  Their sum is what the fraction of units keeps."""
-    return OneSidedLaw(installation, fraction, True).signed(fraction), OneSidedLaw(shot, p, True).signed(p)
+    return OneSidedLaw(installation, fraction, True).signed_quantile(fraction), OneSidedLaw(
+        shot, p, True
+    ).signed_quantile(p)
 
 
 def _rank_weights(n: int, width: int, rank: int) -> Array:

@@ -137,14 +137,14 @@ class RecordedSampler:
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
         count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
         level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
-        asked = _asked("units", wanted.plan.vertex, wanted) | level
+        asked = _fields_of("units", wanted.plan.vertex, wanted) | level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
         if not all(spec in self.held for spec in specs):
             self._pending(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
     def radial(self, wanted: RadialTask) -> RadialEstimate:
-        spec = canonical(_asked("radial", wanted.vertex, wanted))
+        spec = canonical(_fields_of("radial", wanted.vertex, wanted))
         if spec not in self.held:
             self._pending([spec])
         estimate = json.loads(self.held[spec])
@@ -154,7 +154,7 @@ class RecordedSampler:
         raise Pending([spec for spec in specs if spec not in self.held], remaining)
 
 
-def _asked(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:
+def _fields_of(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:
     fields = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
     return {"what": what, "vertex": vertex, **fields}
 

@@ -39,7 +39,7 @@ COLUMNS = ("First", "Second")
 DESIGNS = ("first design", "second design")
 
 
-def _called(comparison: Comparison) -> tuple[str, str]:
+def _name_both(comparison: Comparison) -> tuple[str, str]:
     """What each is called within a sentence."""
     return comparison.names or DESIGNS
 
@@ -56,7 +56,7 @@ def _begin(words: str) -> str:
 def comparison_document(comparison: Comparison, sha256: str) -> Document:
     """What sets two designs apart, then each by itself as far as the comparison rests on it."""
     first, second = comparison.first, comparison.second
-    reports = tuple(zip(_called(comparison), (first, second), strict=True))
+    reports = tuple(zip(_name_both(comparison), (first, second), strict=True))
     sections = [
         Section("The difference", _difference_blocks(comparison)),
         Section("What changed in the document", _change_blocks(comparison)),
@@ -95,7 +95,7 @@ def _numbers(comparison: Comparison) -> tuple[KeyNumber, ...]:
             f"{length(value, decimals)} mm",
             f"target {worst.target}, {name_basis(worst.basis)}",
         )
-        for which, value in zip(_called(comparison), (worst.first_p95_mm, worst.second_p95_mm), strict=True)
+        for which, value in zip(_name_both(comparison), (worst.first_p95_mm, worst.second_p95_mm), strict=True)
     ]
     fine = difference_decimals(worst, decimals)
     size = f"{_with_sign(worst.difference_mm, fine)} mm"
@@ -119,7 +119,7 @@ def _scales(comparison: Comparison) -> Iterator[Figure]:
     drawn = [_at(report, worst.target) for report in (comparison.first, comparison.second)]
     decimals = comparison_decimals(comparison.first, comparison.second)
     reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
-    for place, which, (target, limit) in zip(COLUMNS, _called(comparison), drawn, strict=True):
+    for place, which, (target, limit) in zip(COLUMNS, _name_both(comparison), drawn, strict=True):
         name = f"headline-{place.lower()}"
         beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
@@ -205,7 +205,7 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
     ]  # fmt: skip
     alone = [
         f"Only {_the(which)} has {', '.join(names)}."
-        for which, names in zip(_called(comparison), (comparison.only_first, comparison.only_second), strict=True)
+        for which, names in zip(_name_both(comparison), (comparison.only_first, comparison.only_second), strict=True)
         if names
     ]
     shared = {target.name for target in comparison.first.score.targets} & {
@@ -220,7 +220,7 @@ def _shots(comparison: Comparison) -> Iterator[Figure]:
     """Fifty shots of what decides each design on one scale; on two where their units differ."""
     both = [
         (f"{_begin(which)}, {shots.of}: {say_misses(shots)}", shots)
-        for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True)
+        for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True)
         if (shots := report.score.fifty_shots) is not None
     ]
     for k, unit in enumerate(dict.fromkeys(shots.unit for _, shots in both)):
@@ -239,7 +239,7 @@ def _errors(comparison: Comparison) -> Iterator[Figure]:
             name = f"errors-{k + 1}"
             svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
-                limits[entry.target], _called(comparison), name,
+                limits[entry.target], _name_both(comparison), name,
                 comparison_decimals(comparison.first, comparison.second),
             )  # fmt: skip
             yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
@@ -275,8 +275,8 @@ def _show_value(value: str | None) -> Cell:
 def _layouts(comparison: Comparison) -> tuple[Block, ...]:
     first, second = comparison.first, comparison.second
     return layout_blocks(
-        (second.design, second.score), f"{second.title}: {' over '.join(reversed(_called(comparison)))}", "layout",
-        (first.design, first.score), _called(comparison)[0],
+        (second.design, second.score), f"{second.title}: {' over '.join(reversed(_name_both(comparison)))}", "layout",
+        (first.design, first.score), _name_both(comparison)[0],
     )  # fmt: skip
 
 
@@ -288,7 +288,7 @@ def _budgets(comparison: Comparison) -> Iterator[Block]:
             for report in (comparison.first, comparison.second)
         )
         name = f"budgets-{k + 1}"
-        svg = draw_budgets(a, b, _called(comparison), name, decimals)
+        svg = draw_budgets(a, b, _name_both(comparison), name, decimals)
         yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
         yield _budget_table(comparison.first.score, comparison.second.score, difference.target, k, decimals)
 
@@ -307,7 +307,7 @@ def _curves(comparison: Comparison, target: str) -> Iterator[Figure]:
             second,
             "tolerances",
             first,
-            (_called(comparison)[1], _called(comparison)[0]),
+            (_name_both(comparison)[1], _name_both(comparison)[0]),
             comparison_decimals(comparison.first, comparison.second),
         )
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
@@ -350,7 +350,9 @@ def _budget_table(first: Score, second: Score, target: str, place: int, decimals
 
 def _verdict_blocks(comparison: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
-    for place, which, report in zip(COLUMNS, _called(comparison), (comparison.first, comparison.second), strict=True):
+    for place, which, report in zip(
+        COLUMNS, _name_both(comparison), (comparison.first, comparison.second), strict=True
+    ):
         verdict = (report.verification or report.score).verdict
         if verdict.checks:
             blocks.append(checks_table(verdict, name=f"Checks, {place.lower()}", of=f" of {_the(which)}"))
@@ -371,7 +373,7 @@ def _method(comparison: Comparison) -> tuple[Block, ...]:
     elif comparison.first.verification is not None:
         paired = "Too few trials were drawn for an interval of the difference: differences are to first order."
     blocks: list[Block] = [Bullets((paired,))]
-    for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True):
+    for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True):
         blocks.append(Paragraph(f"{_begin(which)}:"))
         blocks += method_chapter(report)
     return tuple(blocks)
@@ -403,7 +405,7 @@ def _reproduction(second: Report) -> tuple[Block, ...]:
 
 def _provenance(comparison: Comparison, sha256: str) -> Facts:
     pairs = []
-    for which, report in zip(_called(comparison), (comparison.first, comparison.second), strict=True):
+    for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True):
         pairs.append((_begin(which), report.title))
         pairs.append((f"SHA-256 of {_the(which)}", report.provenance.design_sha256 or "not known"))
     made = comparison.second

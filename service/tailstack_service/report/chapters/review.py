@@ -26,7 +26,7 @@ def review_sections(design: dict[str, Any]) -> tuple[Section, ...]:
     if review.versions:
         kept: tuple[Column, ...] = (
             Column("Version", of=lambda version: version.name), Column("Note", of=lambda version: version.note),
-            Column("Kept", of=_kept),
+            Column("Kept", of=_date_of),
         )  # fmt: skip
         blocks.append(tabulate("Versions", "Versions kept in the design document", kept, review.versions))
     return (Section("Review", tuple(blocks)),) if blocks else ()
@@ -38,5 +38,5 @@ def _pin(comment: Comment) -> str:
     return " ".join(filter(None, (comment.contributor, comment.component))) or "the design"
 
 
-def _kept(version: NamedVersion) -> str:
+def _date_of(version: NamedVersion) -> str:
     return version.date or ""

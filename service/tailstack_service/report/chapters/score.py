@@ -417,7 +417,7 @@ def levers_blocks(score: Score) -> tuple[Block, ...]:
             caption = f"{name}: what each lever comes to at its best, everything else as it is, and the limit."
             blocks.append(Figure(picture, partial(draw_levers, levers, check, picture, decimals), caption))
         on = EVERYWHERE if k == 0 else ~On.PLAIN
-        reached = Paragraph(_reached(levers, check, score), "What each lever can reach")
+        reached = Paragraph(_say_reach(levers, check, score), "What each lever can reach")
         blocks += [group(reached, on=on & TERMINAL), group(_levers_table(levers, check, score), on=on)]
     return tuple(blocks)
 
@@ -433,10 +433,10 @@ def _levers_table(levers: Sequence[Lever], check: Check | None, score: Score) ->
         Column("Comes to", unit, "fixed", score.decimals, brief=f"comes to\n{unit}", of=attrgetter("value")),
     )
     note = "No better than: no place of the fiducials, and nothing that optimise frees, leads below that."
-    return tabulate("Levers", f"What each lever can reach{_reached(levers, check, score)}", columns, levers, note)
+    return tabulate("Levers", f"What each lever can reach{_say_reach(levers, check, score)}", columns, levers, note)
 
 
-def _reached(levers: Sequence[Lever], check: Check | None, score: Score) -> str:
+def _say_reach(levers: Sequence[Lever], check: Check | None, score: Score) -> str:
     """From where, and which of them keep the limit by themselves, or that not even all do."""
     if check is None:
         return f", P95 {length(score.worst_target.p95_mm, score.decimals)} mm"

@@ -233,15 +233,15 @@ def _seat_table(seat: DrawnSeat) -> Table:
         Column("Law"), *((Column("Contact point", "mm"), Column("Normal")) if located else ()),
     )  # fmt: skip
 
-    def listed(point: Point | None) -> str:
+    def point_text(point: Point | None) -> str:
         return "" if point is None else ", ".join(f"{value:.12g}" for value in point)
 
     rows = tuple(
-        Row((each.component, each.half_width, each.unit, _law(each), *([listed(each.position_mm), listed(each.normal)]
-             if located else [])))
+        Row((each.component, each.half_width, each.unit, _law(each),
+             *([point_text(each.position_mm), point_text(each.normal)] if located else [])))
         for each in seat.tolerances
     )  # fmt: skip
     words = seat.name.replace("_", " to ")
     note = "Components go together as the design says: ask for its correlation." if seat.together else ""
     note = note if rows else "No tolerance is declared: the seat counts as perfect."
-    return Table(seat.name, f"{seat.label or words}; pivot at {listed(seat.pivot_mm)} mm", columns, rows, note)
+    return Table(seat.name, f"{seat.label or words}; pivot at {point_text(seat.pivot_mm)} mm", columns, rows, note)
