@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import httpx
@@ -69,13 +71,17 @@ def client(request: pytest.FixtureRequest) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.fixture(scope="module")
-def service(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, browser: None
-) -> Iterator[Served]:
-    """A service with its worker, whose page a browser opens; ``SERVED`` of the file adds to its environment."""
-    with served(tmp_path_factory.mktemp("service"), **getattr(request.module, "SERVED", {})) as running:
-        yield running
+@pytest.fixture(scope="session")
+def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Served]]:
+    """Services with a worker, by what their environment has more: each is started once for all files that ask it."""
+    with ExitStack() as stack:
+        yield cache(lambda **more: stack.enter_context(served(tmp_path_factory.mktemp("service"), **more)))
+
+
+@pytest.fixture
+def service(services: Callable[..., Served], request: pytest.FixtureRequest, browser: None) -> Served:
+    """One whose page a browser opens; ``SERVED`` of the file adds to its environment."""
+    return services(**getattr(request.module, "SERVED", {}))
 
 
 @pytest.fixture

@@ -7,12 +7,13 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydicom.uid import DeflatedExplicitVRLittleEndian
-from served import served
+from served import Served
 from service_scenes import EXAMPLES, client_of, small_design
 
 from dicom_files import PATIENT, write_image
@@ -85,8 +86,9 @@ def test_what_the_command_refuses(
     assert not (tmp_path / target).exists()
 
 
-def test_over_http_and_nothing_of_the_patient_is_answered_or_logged(tmp_path: Path) -> None:
-    with served(tmp_path) as service, client_of(service.url) as client:
+def test_over_http_and_nothing_of_the_patient_is_answered_or_logged(services: Callable[..., Served]) -> None:
+    service = services()
+    with client_of(service.url) as client:
         body = {"format": "dicom", "content": encoded(AP), "more": [encoded(LAT)]}
         answers = [client.post("/v1/conversions", json=body)]
         assert answers[0].status_code == 200, answers[0].text

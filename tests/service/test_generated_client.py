@@ -12,7 +12,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -68,15 +68,9 @@ def course(package: Path) -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    with served(tmp_path_factory.mktemp("client")) as service:
-        yield service
-
-
-@pytest.fixture(scope="module")
-def client(course: ModuleType, service: Served) -> Iterator[Any]:
+def client(course: ModuleType, services: Callable[..., Served]) -> Iterator[Any]:
     """Nobody is asked for a key here."""
-    with course.Client(base_url=service.url, raise_on_unexpected_status=True, timeout=LIMIT_SECONDS) as client:
+    with course.Client(base_url=services().url, raise_on_unexpected_status=True, timeout=LIMIT_SECONDS) as client:
         yield client
 
 
@@ -196,9 +190,10 @@ def test_wrong_typescript_programs_are_refused(types: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.long
-def test_committed_examples_of_answers_have_the_form_of_the_answers(service: Served) -> None:
+def test_committed_examples_of_answers_have_the_form_of_the_answers(tmp_path: Path) -> None:
     """What a service answers today is what the document shows; the optimiser's path is the processor's own."""
-    fresh = {name: shortened(answer) for name, answer in answers(service.url)}
+    with served(tmp_path) as service:
+        fresh = {name: shortened(answer) for name, answer in answers(service.url)}
     shown = committed_answers()
     again = "repeat: python openapi/answers.py URL"
     assert set(fresh) == set(shown), again

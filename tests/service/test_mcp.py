@@ -6,13 +6,13 @@ import json
 import os
 import re
 import sys
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import anyio
 import pytest
 from mcp import Client, StdioServerParameters
-from served import served
+from served import Served
 from service_scenes import EXAMPLES, ROOT, small_design
 
 from tailstack import load_design, score
@@ -24,7 +24,7 @@ CARRIER = load_design(EXAMPLES / "first_carrier.yaml")
 
 
 @pytest.mark.long
-def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(tmp_path: Path) -> None:
+def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(services: Callable[..., Served]) -> None:
     """independent: the library's score, in this process."""
     heard: list[float] = []
 
@@ -62,8 +62,7 @@ def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(tm
             schema: Any = (await client.read_resource("tailstack://schemas/design")).contents[0]
             assert json.loads(schema.text) == json_schema("design")
 
-    with served(tmp_path) as service:
-        anyio.run(meet, service.url)
+    anyio.run(meet, services().url)
     assert {0.0, 1.0} <= {*heard}
 
 
