@@ -6,17 +6,17 @@ built to hurt a parser.
 
 from __future__ import annotations
 
+import copy
 import json
 import random
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from plain_data import replaced
+from plain_data import EVERY, replaced
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
@@ -28,8 +28,7 @@ pytestmark = pytest.mark.hostile
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = EXAMPLES / "demo.yaml"
 TEXT = DEMO.read_text()
-ALL = {path.stem: yaml.safe_load(path.read_text()) for path in EXAMPLES.glob("*.yaml")}
-ALL["every effect"] = declare_all(yaml.safe_load(TEXT), np.random.default_rng(39))
+ALL = EVERY | {"every effect": declare_all(copy.deepcopy(EVERY["demo"]), np.random.default_rng(39))}
 
 
 def refusal_of(call, *arguments, **options):

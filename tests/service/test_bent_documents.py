@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from service_scenes import EXAMPLES, small_design
 
-from plain_data import places_of, replaced, value_at
+from plain_data import EVERY, places_of, replaced, value_at
 from tailstack.errors import TailstackError
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
@@ -32,12 +32,11 @@ from tailstack_service.schemas import record_of
 
 pytestmark = pytest.mark.hostile
 
-ALL = {path.stem: yaml.safe_load(path.read_text()) for path in sorted(EXAMPLES.glob("*.yaml"))}
 SLOW = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 SYNONYMS = ["gaussian", "Normal", "rectangular", "per unit", "ap", "lateral", "TCP", "optimize", "0,2", "90 %", "1e400"]
 
 
-PLACES = [(stem, place) for stem, document in ALL.items() for place in places_of(document) if place]
+PLACES = [(stem, place) for stem, document in EVERY.items() for place in places_of(document) if place]
 
 
 def slip_of(value: Any, kind: int, word: str) -> Any:
@@ -66,7 +65,7 @@ slips = st.lists(
 
 def with_slips(chosen: list[tuple[tuple[str, tuple[str | int, ...]], int, str]]) -> Any:
     stem = chosen[0][0][0]
-    document = ALL[stem]
+    document = EVERY[stem]
     for (other, place), kind, word in chosen:
         if other != stem:
             continue

@@ -56,6 +56,11 @@ from tailstack.system import Estimator, Law, System, Triangulation
 
 SMALL_MM = np.array([[-20.0, -20.0, -40.0], [20.0, 20.0, 0.0]])
 EVERY = [(estimator, form) for estimator in Estimator for form in Triangulation]
+# Each estimator and each form twice or more; the others are beside them
+HALF = [
+    pytest.param(*each, marks=pytest.mark.long if (k + k // len(Triangulation)) % 2 else [])
+    for k, each in enumerate(EVERY)
+]
 
 
 def navigation(
@@ -125,7 +130,7 @@ def assert_below_every(problem: PlacementProblem, least: Array, each: list[Array
             assert np.linalg.eigvalsh(covariance - least)[0] >= -1e-12
 
 
-@pytest.mark.parametrize(("estimator", "form"), EVERY)
+@pytest.mark.parametrize(("estimator", "form"), HALF)
 def test_no_layout_has_a_covariance_below_it(estimator: Estimator, form: Triangulation) -> None:
     """independent: Gauss and Markov against the gains that the score runs, normal manufacturing errors included."""
     made = read_only(np.full((8, 3), 0.05))
