@@ -8,8 +8,10 @@ import inspect
 import logging
 import os
 import random
+import re
 import sys
 from collections.abc import Generator, Iterator
+from functools import cache
 from typing import Any
 
 import pytest
@@ -129,6 +131,30 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         if file := item.config.getoption("--costs"):
             with open(file, "a", encoding="utf-8") as record:
                 record.write(f"{sum(os.times()[:4]) - before:.2f} {item.nodeid}\n")
+
+
+# What a process of xdist starts once for all its tests, by what files say that ask for it: one process has all of them
+STARTED_ONCE = {
+    "browser": re.compile(r"^from browsing import", re.MULTILINE),
+    "PostgreSQL": re.compile(r"\b(?:postgres_\w+|database_url|migrated_database|store): "),
+}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Files go to processes whole, and those that ask the same browser or server to one, which starts it once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    @cache
+    def scope_of(file: str) -> str:
+        text = (config.rootpath / file).read_text(encoding="utf-8")
+        return next((name for name, says in STARTED_ONCE.items() if says.search(text)), file)
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return scope_of(super()._split_scope(nodeid))
+
+    return Scheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -272,7 +272,7 @@ import pytest
 @pytest.fixture(scope="module")
 def shared():
     with open(os.environ["STARTED"], "a") as started:
-        print(os.path.basename(__file__), file=started)
+        print(os.path.basename(__file__), os.getpid(), file=started)
 
 @pytest.mark.parametrize("number", range(8))
 def test_shares(shared, number): pass
@@ -282,11 +282,18 @@ def test_shares(shared, number): pass
 @pytest.mark.long
 def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
     """With the very arguments of ./run test.  pytest 9.2 once made xdist's groups do nothing, and nobody noticed that
-    every service of the tests was started up to four times."""
-    for name in ("test_one.py", "test_other.py"):
-        (tmp_path / name).write_text(SHARING, encoding="utf-8")
-    assert "16 passed" in run_tests(tmp_path, *SIDE_BY_SIDE, said={"STARTED": str(tmp_path / "started")})
-    assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
+    every service of the tests was started up to four times.  Files that ask one browser have one process."""
+    for name, asks in (
+        ("one", ""),
+        ("other", ""),
+        ("seen", "from browsing import used"),
+        ("shown", "from browsing import look"),
+    ):
+        (tmp_path / f"test_{name}.py").write_text(f'"""\n{asks}\n"""{SHARING}', encoding="utf-8")
+    assert "32 passed" in run_tests(tmp_path, *SIDE_BY_SIDE, said={"STARTED": str(tmp_path / "started")})
+    started = dict(line.split() for line in (tmp_path / "started").read_text().splitlines())
+    assert sorted(started) == ["test_one.py", "test_other.py", "test_seen.py", "test_shown.py"]
+    assert started["test_seen.py"] == started["test_shown.py"]
 
 
 PARENT = """
