@@ -7,17 +7,19 @@ import os
 import re
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import anyio
 import pytest
-from mcp import Client, StdioServerParameters
 from served import Served
 from service_scenes import EXAMPLES, ROOT, small_design
 
 from tailstack import load_design, score
 from tailstack_service.schemas import json_schema
 from waiting import LIMIT_SECONDS
+
+if TYPE_CHECKING:
+    from mcp import Client
 
 EXAMPLE = EXAMPLES / "integrations" / "mcp" / "serve_tools.py"
 CARRIER = load_design(EXAMPLES / "first_carrier.yaml")
@@ -26,6 +28,8 @@ CARRIER = load_design(EXAMPLES / "first_carrier.yaml")
 @pytest.mark.long
 def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(services: Callable[..., Served]) -> None:
     """independent: the library's score, in this process."""
+    from mcp import Client, StdioServerParameters  # here: every process that collects would wait a second for it
+
     heard: list[float] = []
 
     async def hear(progress: float, total: float | None, message: str | None) -> None:

@@ -30,7 +30,8 @@ def test_no_habit_changes_a_number_in_silence(habit: str, reader: str) -> None:
 
 @pytest.mark.parametrize("habit", BINARY)
 def test_nor_does_a_decimal(habit: str) -> None:
-    assert outcome("table of designs", *BINARY[habit])
+    content, form = BINARY[habit]
+    assert outcome("table of designs", content(), form)
 
 
 def test_the_page_shows_what_becomes_of_each() -> None:
