@@ -328,6 +328,8 @@ class Batch:
             reasons.append("a requirement on a corridor takes a sample of rays, row by row")
         if any(MEASURE[item.error].side for item in system.requirements) and not _ASK.isdisjoint(self.columns):
             reasons.append("a requirement on one side is judged row by row")
+        if any(target.two_shots for target in system.targets) and not _ASK.isdisjoint(self.columns):
+            reasons.append("a trajectory whose ends have a shot each is judged row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)

@@ -203,6 +203,8 @@ def _losses(
     for item in _requirements_of(system):
         if not item.is_quantile:  # what is lost is looked for by quantiles
             continue
+        if any(search.metrics[name, item.error].site.other_shot for name in item.targets):  # and in one shot
+            continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
             values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]

@@ -463,6 +463,7 @@ class Target:
     direction: Array | None = None  # (3,) con: in which an instrument comes to it
     entry: str | None = None  # name of the target through which it comes, and which tells the direction
     channel: Channel | None = None  # about the planned axis, in which the executed one has to stay
+    two_shots: bool = False  # whether what a shot draws is drawn for the entry and for it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,7 +25,7 @@ from .levels import Drawn
 from .losses import LossSearch
 from .measures import MEASURE, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
-from .montecarlo.chain import measure_errors, norms_of, run_indices
+from .montecarlo.chain import measure_trials, norms_of, run_indices
 from .montecarlo.estimators import (
     QuantileEstimate,
     TrialsOfError,
@@ -311,7 +311,7 @@ def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
     every = enumerate(task.plan.system.metrics)
     k, site = next((k, each.site) for k, each in every if each.key == (task.target, task.error))
-    errors = measure_errors(task.plan.system, outcome.errors)[k]
+    errors = measure_trials(task.plan, task.seed, first * SHOTS, outcome.errors)[k]
     norms = norms_of(errors, site.is_one_sided).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 

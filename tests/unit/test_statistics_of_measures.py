@@ -15,13 +15,14 @@ import reference_chain
 from scenes import random_system
 from tailstack.geometry.arrays import Array
 from tailstack.levels import Drawn
+from tailstack.measures.measure import Channel
 from tailstack.results.quality import ppk_of, quality_table, sigma_level
 from tailstack.scoring import score
 from tailstack.system import Law, Requirement, System
 from tailstack.verification import verify
 
 MANY = 100_000, 1000  # draws pooled; units (or mountings), and shots of each
-FEW = 20_000, 300
+FEW = 20_000, 0  # of no unit by itself
 QUANTILE, SHOTS, ALLOWED = 0.9, 10, 0.1
 DRAWS: dict[Law, Any] = {
     Law.NORMAL: lambda rng, size: rng.standard_normal(size),
@@ -30,14 +31,17 @@ DRAWS: dict[Law, Any] = {
 }
 
 
-def scene(rng: np.random.Generator) -> System:
-    """All sources of a random system; an instrument enters at one target and ends at the other."""
+def scene(rng: np.random.Generator, two_shots: bool = False) -> System:
+    """All sources of a random system; an instrument enters at one target and ends at the other, in a channel."""
     system = random_system(rng, fiducials=int(rng.integers(7, 12)), targets=2)
     entry, end = system.targets
-    end = replace(end, position_mm=entry.position_mm + rng.normal(size=3) * 30, entry=entry.name)
+    end = replace(end, position_mm=entry.position_mm + rng.normal(size=3) * 30, entry=entry.name, two_shots=two_shots)
+    end = replace(end, channel=Channel((1.0, 1.0), (1.0, 1.0)))
+    both = ((entry.name, end.name),)
+    asked = dict.fromkeys(("x", "localisation_y", "axial_above", "z_below"), ((end.name,),)) | {"point_to_point": both}
     clipped = replace(system.structure_connector, drawn=Drawn.MOUNTING)
     views = tuple(replace(view, image_size_px=None) for view in system.views)  # wherever the end is, it is seen
-    return replace(system, views=views, targets=(entry, end), structure_connector=clipped)
+    return replace(system, views=views, targets=(entry, end), structure_connector=clipped, asked=asked)
 
 
 class Errors:
@@ -74,15 +78,21 @@ class Errors:
 
     def draw(self, shape: tuple[int, ...], drawn: tuple[str, ...]) -> Array:
         """(*shape, 12) mm of the sources that are drawn so: unit, mount, shot."""
-        total = np.zeros((*shape, 12))
+        rows = len(self.parts[0][2])
+        total = np.zeros((*shape, rows))
         for how, law, columns in self.parts:
             if how in drawn and law is Law.NORMAL:
                 size, axes = np.linalg.eigh(columns @ columns.T)
                 root = axes * np.sqrt(np.maximum(size, 0))
-                total += self.rng.standard_normal((*shape, 12)) @ root.T
+                total += self.rng.standard_normal((*shape, rows)) @ root.T
             elif how in drawn:
                 total += DRAWS[law](self.rng, (*shape, columns.shape[1])) @ columns.T
         return total
+
+    def draw_shots(self, shape: tuple[int, ...], two: bool) -> Array:
+        """The same of what a shot draws; two: at the entry of another one than at the end."""
+        own = self.draw(shape, ("shot",))
+        return np.concatenate([self.draw(shape, ("shot",))[..., :6], own[..., 6:]], axis=-1) if two else own
 
 
 def sizes_of(system: System, errors: Array) -> dict[tuple[str, str], Array]:
@@ -96,12 +106,19 @@ def sizes_of(system: System, errors: Array) -> dict[tuple[str, str], Array]:
     def across(e: Array) -> Array:
         return np.linalg.norm(e - (e @ along)[..., None] * along, axis=-1)
 
+    joined = f"{entry.name} to {end.name}"
     return {
         ("tcp", end.name): np.linalg.norm(tool, axis=-1),
         ("localisation", end.name): np.linalg.norm(located, axis=-1),
         ("lateral", end.name): across(tool),
         ("axial", end.name): np.abs(tool @ along),
-        ("angle", f"{entry.name} to {end.name}"): np.rad2deg(across(tool - errors[..., :3]) / length),
+        ("angle", joined): np.rad2deg(across(tool - errors[..., :3]) / length),
+        ("corridor", joined): np.maximum(across(tool), across(errors[..., :3])),
+        ("point_to_point", joined): np.abs((tool - errors[..., :3]) @ along),
+        ("x", end.name): np.abs(tool[..., 0]),
+        ("localisation_y", end.name): np.abs(located[..., 1]),
+        ("axial_above", end.name): np.maximum(tool @ along, 0.0),
+        ("z_below", end.name): np.maximum(-tool[..., 2], 0.0),
     }
 
 
@@ -123,13 +140,19 @@ def held(draws: Array, p: float) -> tuple[float, float]:
 
 def hold_all(seed: int, n: int, nested: int) -> None:
     rng = np.random.default_rng(seed)
-    system = scene(rng)
-    errors = Errors(system, rng)
-    pooled = sizes_of(system, errors.known + errors.draw((n,), ("unit", "moun", "shot")))
+    system = scene(rng, two_shots=bool(seed % 2))
+    errors, two = Errors(system, rng), bool(seed % 2)
+    pooled = sizes_of(system, errors.known + errors.draw((n,), ("unit", "moun")) + errors.draw_shots((n,), two))
     installed = errors.known + errors.draw((nested, 1), ("unit",))
-    per_unit = sizes_of(system, installed + errors.draw((nested, nested), ("moun", "shot")))
+    each = (nested, nested)
+    per_unit = sizes_of(system, installed + errors.draw(each, ("moun",)) + errors.draw_shots(each, two))
     mounted = installed + errors.draw((nested, 1), ("moun",))
-    per_mounting = sizes_of(system, mounted + errors.draw((nested, nested), ("shot",)))
+    per_mounting = sizes_of(system, mounted + errors.draw_shots(each, two))
+    if two:  # of both ends in one shot
+        pooled, per_unit, per_mounting = (
+            {key: size for key, size in sizes.items() if key[0] != "point_to_point"}
+            for sizes in (pooled, per_unit, per_mounting)
+        )
     requirements: list[Requirement] = []
     expected: list[tuple[float, float]] = []
 
@@ -152,19 +175,23 @@ def hold_all(seed: int, n: int, nested: int) -> None:
         spread = sqrt(QUANTILE * (1 - QUANTILE) / largest.size)
         low, value, high = np.quantile(largest, [QUANTILE - spread, QUANTILE, QUANTILE + spread])
         ask(key, value, (high - low) / 2, one, statistic="max_of_n", n=SHOTS)
+        if not nested:
+            continue
         ask(key, *held(per_unit[key], 0.95), 0.95, risk="per_unit", min_yield=0.8)
         largest = per_mounting[key].reshape(nested, -1, SHOTS).max(axis=2)
         found = held(largest, QUANTILE)
         ask(key, *found, one, statistic="max_of_n", n=SHOTS, risk="per_mounting", min_yield=0.8)
     checks = score(replace(system, requirements=tuple(requirements)), losses=False).verdict.checks
     for check, item, (value, error) in zip(checks, requirements, expected, strict=True):
-        numerical = 0.01 if item.level else 1e-4  # a score draws its units, too
+        rough = 3e-3 if item.error == "corridor" else 1e-4  # of which a part is sampled
+        numerical = 0.01 if item.level else rough  # a score draws its units, too
         assert abs(check.value - value) < 4.5 * error + numerical * value, (item.error, item.statistic, item.risk)
 
 
 def test_statistics_of_measures_are_those_of_draws() -> None:
-    """Thirty numbers, each within 4.5 standard errors (a right one fails once in 150,000; with another seed a run does
-    once in 5,000)."""
+    """84 numbers of one shot and of two, each within 4.5 standard errors (a right one fails once in 150,000; with
+    another seed a run does once in 1,700)."""
+    hold_all(4, *FEW)
     hold_all(3, *FEW)
 
 
@@ -172,8 +199,32 @@ def test_statistics_of_measures_are_those_of_draws() -> None:
 @pytest.mark.hostile
 @pytest.mark.parametrize("seed", range(100, 140))
 def test_statistics_of_measures_are_those_of_draws_on_many_designs(seed: int, run_seed: int) -> None:
-    """Forty times thirty numbers: a run fails once in 120."""
+    """Forty times some seventy numbers: a run fails once in 50."""
     hold_all(run_seed + seed, *MANY)
+
+
+@pytest.mark.long
+@pytest.mark.hostile
+def test_forty_angles_are_those_of_two_million_draws(run_seed: int) -> None:
+    """P95 within 0.3 %, which is at least five of its standard errors: a run fails once in 40,000."""
+    for seed in range(40):
+        rng = np.random.default_rng([run_seed, seed])
+        system = scene(rng, two_shots=bool(seed % 2))
+        errors = Errors(system, rng)
+        entry, end = system.targets
+        between = system.T_tcp_flange[:3, :3] @ system.T_flange_con[:3, :3] @ (end.position_mm - entry.position_mm)
+        across = np.linalg.svd(between[None])[2][1:] / np.linalg.norm(between)
+        nothing = np.zeros((2, 3))
+        ends = np.hstack([-across, nothing, nothing, nothing]), np.hstack([nothing, nothing, across, nothing])
+        known, parts = sum(ends) @ errors.known, []
+        for drawn, law, columns in errors.parts:
+            apart = seed % 2 and drawn == "shot"
+            parts += [(drawn, law, own @ columns) for own in (ends if apart else (sum(ends),))]
+        errors.parts, every = parts, ("unit", "moun", "shot")
+        angles = [np.linalg.norm(known + errors.draw((250_000,), every), axis=1) for _ in range(8)]
+        expected = np.rad2deg(np.quantile(np.concatenate(angles), 0.95))
+        found = next(each.p95 for each in score(system, losses=False).measures if each.measure == "angle")
+        assert found == pytest.approx(expected, rel=3e-3)
 
 
 def test_ppk_is_of_the_number_with_its_sign_and_sigma_levels_are_those_of_a_normal_number() -> None:

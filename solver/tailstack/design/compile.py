@@ -22,7 +22,7 @@ from ..geometry.camera import depths
 from ..geometry.naming import direction_name, point_name
 from ..levels import Drawn
 from ..measures import MEASURE, Metric
-from ..measures.measure import DRAWN_ANEW, MeasuredBody
+from ..measures.measure import DRAWN_ANEW, TWO_SHOTS, MeasuredBody
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
@@ -94,7 +94,8 @@ def _compile(design: Design) -> System:
         )
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
-    notes += [f"trajectory {each.entry} to {each.name}: {DRAWN_ANEW}" for each in targets if each.entry is not None]
+    ended = ((each, TWO_SHOTS if each.two_shots else DRAWN_ANEW) for each in targets if each.entry is not None)
+    notes += [f"trajectory {each.entry} to {each.name}: {ends}" for each, ends in ended]
     notes += [describe_condition(document, body) for body in document.bodies]
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
@@ -137,12 +138,27 @@ def _compile(design: Design) -> System:
         assumed=list_assumed(design.source.data),
         title_block=None if document.document is None else document.document.model_dump(),
     )
+    _refuse_two_shots(system)
     metrics = system.metrics
     listed = enumerate(zip(document.requirements, named, strict=True))
     return replace(
         system,
         requirements=tuple([_requirement(item, f"/requirements/{k}", names, metrics) for k, (item, names) in listed]),
     )
+
+
+def _refuse_two_shots(system: System) -> None:
+    """Where what a shot draws cannot be drawn for each end."""
+    two = next((each for each in system.targets if each.two_shots), None)
+    if two is None:
+        return
+    drawn = (each for each in (*system.effects, *system.links) if each.drawn is Drawn.SHOT)
+    bounded = [each.label for each in drawn if each.sources.are_bounded.any()]
+    missed = ["which fiducials a shot misses"] if system.loss_probability else []
+    if bounded + missed:
+        detail = f"{', '.join(bounded + missed)}: not known of two shots"
+        hint = "leave ends out, or state a law in place of bounded, and no loss_probability"
+        raise DesignError(Problem(f"/targets/{system.targets.index(two)}/ends", "two-shots", detail, hint))
 
 
 def _effects(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:

@@ -447,7 +447,8 @@ def expand_target(target: TargetDocument) -> tuple[Target, ...]:
     if target.region is None:
         direction = None if target.direction is None else frozen(target.direction)
         place = frozen(target.position_mm)
-        return (Target(target.name, place, None, direction, target.entry, _channel_of(target)),)
+        channel, two = _channel_of(target), target.ends == "two_shots"
+        return (Target(target.name, place, None, direction, target.entry, channel, two),)
     points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])

@@ -851,6 +851,13 @@ class TargetDocument(Record):
         "resection of the views, the seats, repeatability and load; the noise of their images is drawn for each.",
         examples=["entry"],
     )
+    ends: Literal["one_shot", "two_shots"] = Field(
+        default="one_shot",
+        description="With entry. one_shot: both ends are of the same images and of one pose of the tool. two_shots: "
+        "each has images and a pose of its own, and all that is drawn at each shot is drawn for each. Default "
+        "one_shot.",
+        examples=["one_shot"],
+    )
     corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(
         default=None,
         description="With entry: radius about the planned trajectory within which the axis of the instrument has to "
@@ -880,6 +887,8 @@ class TargetDocument(Record):
     def _corridor(self) -> TargetDocument:
         if self.corridor_mm is not None and self.entry is None:
             raise refusal("unused-field", "corridor_mm is read only beside entry: NAME", at="corridor_mm")
+        if self.ends != "one_shot" and self.entry is None:
+            raise refusal("unused-field", "ends is read only beside entry: NAME", at="ends")
         for name in ("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction"):
             if getattr(self, name) is not None and self.corridor_mm is None:
                 raise refusal("unused-field", f"{name} is read only beside corridor_mm", at=name)
@@ -893,7 +902,9 @@ class TargetDocument(Record):
             raise refusal("zero-direction", "a direction is not [0, 0, 0]", at="corridor_major_direction")
         return self
 
-    _as_before = leave_out_later(dict.fromkeys(("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction")))
+    _as_before = leave_out_later(
+        dict.fromkeys(("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction")) | {"ends": "one_shot"}
+    )
 
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:

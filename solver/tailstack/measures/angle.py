@@ -1,7 +1,8 @@
 """The angle between the axis of an instrument as planned and as executed, from where it enters to where it ends.
 
 Both ends share one resection of the views, the seats, the robot's pose and the load; the noise of their images is drawn
-for each.  To first order an angle is what the ends differ by across the axis, over its length; trials have it whole.
+for each.  Of two shots each end has all that a shot draws of its own.  To first order an angle is what the ends differ
+by across the axis, over its length; trials have it whole.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ def list_sites(design: Measured) -> tuple[Site, ...]:
             weights = np.zeros((3, 6))
             weights[:2, :3] = np.rad2deg(axes[1:]) / length
             ends = entry.name, target.name
-            found.append(Site(" to ".join(ends), {ends[0]: -weights, ends[1]: weights}, _turn(ends, axes, length)))
+            both, turn = {ends[0]: -weights, ends[1]: weights}, _turn(ends, axes, length)
+            found.append(Site(" to ".join(ends), both, turn, other_shot=ends[0] if target.two_shots else ""))
     return tuple(found)
 
 

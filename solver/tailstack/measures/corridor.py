@@ -34,7 +34,9 @@ def list_sites(design: Measured) -> tuple[Site, ...]:
             room = np.zeros(6)
             room[[0, 1, 3, 4]] = np.array([channel.entry_mm, channel.end_mm]).ravel() - channel.narrowest_mm
             exact = _take_needed(weights, room)
-            found.append(Site(" to ".join(ends), weights, exact, channel.narrowest_mm, room if room.any() else None))
+            of_shape = channel.narrowest_mm, room if room.any() else None
+            other = ends[0] if target.two_shots else ""
+            found.append(Site(" to ".join(ends), weights, exact, *of_shape, other_shot=other))
     return tuple(found)
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Sites = Callable[["Measured"], tuple["Site", ...]]
 
 DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of these two targets excepted"
+TWO_SHOTS = "each end has images and a pose of its own: both share the unit and its mounting"
 SIDES = ("above", "below")  # 0, of an error with its sign
 DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
 
@@ -63,6 +64,8 @@ class MeasuredTarget(Protocol):
     def entry(self) -> str | None: ...  # name of the target at which an instrument enters that comes to this one
     @property
     def channel(self) -> Channel | None: ...  # in which its axis has to stay
+    @property
+    def two_shots(self) -> bool: ...  # whether what a shot draws is drawn for the entry and for it
 
 
 class MeasuredBody(NamedTuple):
@@ -98,6 +101,8 @@ class Site:
     room: Array | None = None
     """(6,) of two vectors: half-axes beyond the narrowest, within which lengths are equal; (1,) of one number that
     counts above 0 alone: it has no end on the other side."""
+
+    other_shot: str = ""  # name of a target whose errors are those of another shot of the same mounting; empty: none
 
     @property
     def is_one_sided(self) -> bool:

@@ -26,15 +26,27 @@ from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.arrays import Array
 from ..geometry.rotation import torsor_transform, transform_points
+from ..levels import Drawn
+from ..measures.measure import Site
 from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
-from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
+from .plan import LAW_CODE, ChainPlan, compile_plan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
-from .tables import EXECUTION, MANUFACTURED, MOUNTS, arm_slot, beads_slot, images_slot, intrinsics_slot, shot_slot
+from .tables import (
+    EXECUTION,
+    MANUFACTURED,
+    MOUNTS,
+    SHOT,
+    arm_slot,
+    beads_slot,
+    images_slot,
+    intrinsics_slot,
+    shot_slot,
+)
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
-LOSS_STREAM = 4  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
+LOSS_STREAM, OTHER_STREAM = 4, 5  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
 PLANS, PATTERNS = 64, 2**17  # of missed fiducials, of which is kept whether they leave an answer
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
@@ -60,10 +72,28 @@ class TrialResults(NamedTuple):
         return norms_of(self.errors[target, metric])
 
 
-def measure_errors(system: System, errors: Array) -> Array:
+def measure_trials(plan: ChainPlan, seed: int, first: int, errors: Array) -> Array:
+    """:func:`measure_errors` of trials first ... of this seed, with another shot of each where a site asks for it."""
+    if not any(metric.site.other_shot for metric in plan.system.derived_metrics):
+        return measure_errors(plan.system, errors)
+    indices = np.arange(first, first + errors.shape[-1], dtype=np.int64)
+    z, columns = draw(plan, seed, indices), _columns_of_shots(plan)
+    z[:, columns] = draw(plan, seed, indices, OTHER_STREAM)[:, columns]
+    return measure_errors(plan.system, errors, np.moveaxis(evaluate(plan, z), 0, -1))
+
+
+@lru_cache(maxsize=PLANS)
+def _columns_of_shots(plan: ChainPlan) -> NDArray[np.int64]:
+    """The deviates that are drawn at each shot, not once per unit or mounting."""
+    blocks = compile_plan(plan.system, held=Drawn.MOUNTING).blocks
+    return np.concatenate([np.arange(each.start, each.stop) for each in blocks if each.stream == SHOT])
+
+
+def measure_errors(system: System, errors: Array, others: Array | None = None) -> Array:
     """(M, 3, n) of ``system.metrics``, each in its unit, of errors (T, 2, 3, n) as trials have them; contiguous.
 
-    By plain sums: BLAS picks its order of summation by processor.
+    others: those of another shot of each (``Site.other_shot``).  By plain sums: BLAS picks its order of summation by
+    processor.
     """
     targets, _, _, count = errors.shape
     both = np.ascontiguousarray(errors).reshape(targets, 6, count)
@@ -71,14 +101,17 @@ def measure_errors(system: System, errors: Array) -> Array:
     derived = system.derived_metrics
     if not derived:
         return points
-    at = {target.name: own for target, own in zip(system.targets, both, strict=True)}
-    others = [
-        sum((weights[:, :, None] * at[name]).sum(axis=1) for name, weights in site.weights.items())
-        if site.exact is None
-        else site.exact(at)
-        for _, site in derived
-    ]
-    return np.concatenate([points, others])
+    names = [target.name for target in system.targets]
+    at = dict(zip(names, both, strict=True))
+    apart = at if others is None else dict(zip(names, others.reshape(targets, 6, count), strict=True))
+
+    def read(site: Site) -> Array:
+        own = at | {site.other_shot: apart[site.other_shot]} if site.other_shot else at
+        if site.exact is not None:
+            return site.exact(own)
+        return np.asarray(sum((weights[:, :, None] * own[name]).sum(axis=1) for name, weights in site.weights.items()))
+
+    return np.concatenate([points, [read(site) for _, site in derived]])
 
 
 def _allocate_scratch(size: int) -> Array:
@@ -99,12 +132,15 @@ def _pad(indices: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([indices, np.repeat(indices[-1:], -len(indices) % 8)])
 
 
-def draw(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> Array:
-    """Standardised deviates z (n, d) of the trials with these indices (columns: see ``plan``)."""
+def draw(plan: ChainPlan, seed: int, indices: NDArray[np.int64], stream: int | None = None) -> Array:
+    """Standardised deviates z (n, d) of the trials with these indices (columns: see ``plan``); stream: from which all
+    of them come, in place of their own."""
     trials = _pad(np.asarray(indices, dtype=np.int64))
     out = np.empty((plan.dimension, len(trials)))
     scratch = _allocate_scratch(8 * plan.dimension)
-    draw_columns(plan.tables.segments, _keys(seed), trials // plan.shots_per_unit, trials, scratch, out)
+    keys = _keys(seed) if stream is None else np.array([stream_key(seed, stream)] * 2)
+    units = trials // plan.shots_per_unit if stream is None else trials
+    draw_columns(plan.tables.segments, keys, units, trials, scratch, out)
     return np.ascontiguousarray(out[:, : len(indices)].T)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..results.json_text import write_json
-from .chain import measure_errors, norms_of, run_indices
+from .chain import measure_trials, norms_of, run_indices
 from .kernel import reduce_block
 from .plan import ChainPlan
 from .tails import tail_size, take_largest
@@ -100,7 +100,7 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
     count = min(BLOCK, task.stop - first)
     reprojection = task.reprojection and first < REPROJECTION_TRIALS
     outcome = run_indices(task.plan, task.seed, first, count, reprojection=reprojection)
-    errors = measure_errors(task.plan.system, outcome.errors)
+    errors = measure_trials(task.plan, task.seed, first, outcome.errors)
     answered = np.isfinite(errors).all(axis=(0, 1)) if outcome.missed else np.ones(count, dtype=bool)
     answers = int(answered.sum())
     reprojections = outcome.reprojection

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
 from ..levels import Drawn
 from ..measures import MEASURE, POINTS
@@ -321,6 +322,10 @@ def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstr
     for measure, site in system.metrics:
         if measure.name != requirement.error or site.name not in requirement.targets:
             continue
+        if site.other_shot:
+            detail = f"{requirement.name} limits {measure.words} of two shots, which no search knows"
+            hint = "name the other requirements in optimise.requirement; the check judges all"
+            raise DesignError(Problem("/optimise/requirement", "two-shots", detail, hint))
         if not measure.paired:
             demands.append(QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights)))
             continue

@@ -393,7 +393,8 @@ def models_of(system: System, models: Mapping[str, LinearModel]) -> dict[tuple[s
 def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> ErrorModel:
     """The linear model of a measure made of the errors at targets.
 
-    What acts on the image of a target (``Effect.of_target``) is drawn for each of them, everything else once for all.
+    What acts on the image of a target (``Effect.of_target``) is drawn for each of them, everything else once for all;
+    of a site of two shots what is drawn at each shot is drawn for each, too.
     """
     parts = [(models[name], weights) for name, weights in site.weights.items()]
 
@@ -405,7 +406,8 @@ def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> Erro
     for several in zip(*(model.blocks for model, _ in parts), strict=True):
         effect = several[0].effect
         gains = [weigh(weights, block.gain) for block, (_, weights) in zip(several, parts, strict=True)]
-        blocks += [Block(effect, {measure.name: each}) for each in (gains if effect.of_target else [np.sum(gains, 0)])]
+        apart = effect.of_target or (bool(site.other_shot) and effect.drawn is Drawn.SHOT)
+        blocks += [Block(effect, {measure.name: each}) for each in (gains if apart else [np.sum(gains, 0)])]
     shifts: dict[tuple[str, str], Array] = {}
     for model, weights in parts:
         for known in model.known:
