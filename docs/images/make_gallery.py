@@ -20,7 +20,8 @@ from tailstack_service.report.scene import scene_of
 from tailstack_service.report.scene_picture import draw_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-BESIDE = [ROOT / "examples" / f"{name}.yaml" for name in ("clip_on", "pedicle_screw", "radiostereometry")]
+NAMES = ("clip_on", "pedicle_screw", "radiostereometry", "forearm_shell", "half_shell")
+BESIDE = [ROOT / "examples" / f"{name}.yaml" for name in NAMES]
 DESIGNS = [*sorted((ROOT / "examples" / "gallery").glob("*.yaml")), *BESIDE]
 PAGE = ROOT / "docs" / "gallery.md"
 PICTURES = ROOT / "docs" / "images" / "gallery"

@@ -110,6 +110,23 @@ def test_a_shell_from_slicer_stands_in_con_with_what_its_printing_left():
     np.testing.assert_allclose([ends["radius entry"], ends["radius"]], [[14, 18, 30], [3, 2, 62]], atol=0.3)
 
 
+def test_beads_of_the_half_shell_are_in_its_wall_and_on_what_is_left_of_its_collar():
+    """closed form: ten flat facets between 45 and 49 mm about z, each bead a millimetre or more from either face."""
+    design = load_design(EXAMPLES / "half_shell.yaml")
+    places = dict(zip(design.fiducials.labels, np.array(design.fiducials.positions_mm), strict=True))
+    step = np.pi / 10
+    for label, (x, y, z) in places.items():
+        radius, angle = np.hypot(x, y), np.arctan2(y, x)
+        if label.startswith("C"):
+            assert 35 <= radius <= 39
+            assert abs(np.rad2deg(angle) - 90) <= 60
+            assert -95 <= z <= -83
+        else:
+            across = radius * np.cos(angle % step - step / 2) / np.cos(step / 2)
+            assert 45 + 1 / np.cos(step / 2) <= across <= 49 - 1 / np.cos(step / 2)
+            assert -79 <= z <= 9
+
+
 def test_the_field_of_the_theatre_is_as_large_as_its_comment_says():
     """closed form: mean square of x**i y**j over a square image, whose sides are 1/sqrt(2) half diagonals away."""
     system = compile_design(load_design(EXAMPLES / "gallery" / "operating_theatre.yaml"))
@@ -165,11 +182,16 @@ def test_rounding_is_taken_out_and_noted_each_time():
 
 
 def hash_of_all(design):
-    """independent: Python's json of the whole document, and of the points."""
+    """independent: Python's json of the whole document, and of the points and files of surfaces."""
     elsewhere = {"fiducials": {"points", "file", "T_con_file", "registered_to"}, "target_origins": True}
     data = json.loads(design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere))
+    points = [design.fiducials.labels, design.fiducials.positions_mm]
+    for region in (data.get("optimise") or {}).get("regions", ()):
+        if "surface" in region:
+            region["surface"].pop("content")
+            points.append(hashlib.sha256((EXAMPLES / region["surface"].pop("file")).read_bytes()).hexdigest())
     content = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    points = json.dumps([design.fiducials.labels, design.fiducials.positions_mm], ensure_ascii=False)
+    points = json.dumps(points, ensure_ascii=False)
     return hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
 
 
