@@ -301,6 +301,7 @@ def write_page() -> str:
     lists = {"Measures": [f"`{each.name}` ({each.unit})" for each in STATED], "Consumers": list(CONSUMERS)}
     lines = [f"{title}: {', '.join(names)}." for title, names in lists.items()]
     one_sided = " and ".join(f"`{measure.name}`" for measure in MEASURES if measure.side)
+    lines[1] += " Of an angle or a corridor of `two_shots` neither losses nor optimiser know (`test_measures.py`)."
     lines[0] += f" Those that `side: above` or `below` may stand with are asked as {one_sided}, too."
     for consumer, (_, words) in HOLES.items():
         left = [f"`{measure.name}`" for measure in MEASURES if is_hole(measure, consumer)]
