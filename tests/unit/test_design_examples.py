@@ -191,8 +191,8 @@ def hash_of_all(design):
             region["surface"].pop("content")
             points.append(hashlib.sha256((EXAMPLES / region["surface"].pop("file")).read_bytes()).hexdigest())
     content = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-    points = json.dumps(points, ensure_ascii=False)
-    return hashlib.sha256(f"{content}\n{points}".encode()).hexdigest()
+    told = json.dumps(points, ensure_ascii=False)
+    return hashlib.sha256(f"{content}\n{told}".encode()).hexdigest()
 
 
 @pytest.mark.parametrize("path", ALL_DESIGNS, ids=lambda path: path.name)

@@ -278,7 +278,9 @@ def test_an_end_with_a_shot_of_its_own_shares_the_mounting_alone() -> None:
     design = load_design(two_shots())
     estimate = score(design)
     assert estimate.measures[-2].p95 == pytest.approx(p95, rel=5e-3)  # uniform sources are taken for normal here
-    assert p95 > 1.4 * score(load_design(entered()), losses=False).measures[-1].p95
+    shared = score(load_design(entered()), losses=False)
+    assert p95 > 1.4 * shared.measures[-1].p95
+    assert "trajectory entry to tip: both ends share all that is drawn" in shared.provenance.notes[-1]
     assert "entry to tip: each end has images and a pose of its own" in " ".join(estimate.provenance.notes)
 
 
