@@ -325,6 +325,9 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
         number = "one side of a number" if MEASURE[task.error].side else "the length of the longer of two vectors"
         detail = f"{MEASURE[task.error].words} is {number}, which no ray shows"
         raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
+    if system.metrics[metric].site.other_shot:
+        detail = f"{MEASURE[task.error].words} is of two shots, and rays are of one"
+        raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
     targets = [names.index(name) for name in system.metrics[metric].site.weights]
     mean = mean_at(model, task.error, dict(task.vertex))
     law, _ = declared_law(model, task.error, mean)

@@ -772,3 +772,8 @@ def test_executed_axes_leave_a_corridor_as_trials_do() -> None:
     np.testing.assert_allclose(off.T, expected, atol=2 * WRITTEN)
     assert "executed axes" in found.note
     assert not of(scene_of(design, None, design.name), "line", "executed")
+    apart = scene_of(design.with_value("targets.tip.ends", "two_shots"), score(design), design.name)
+    of_two = np.array([item.points for item in of(apart, "line", "executed")]) - [begin, end]
+    np.testing.assert_array_equal(of_two[:, 1], drawn[:, 1])
+    share = [np.corrcoef(each[:, 0].T, each[:, 1].T)[0, 3] for each in (drawn, of_two)]
+    assert 0.5 < share[1] < share[0]  # of seats alone, no longer of the beads' images

@@ -301,7 +301,8 @@ def write_page() -> str:
     lists = {"Measures": [f"`{each.name}` ({each.unit})" for each in STATED], "Consumers": list(CONSUMERS)}
     lines = [f"{title}: {', '.join(names)}." for title, names in lists.items()]
     one_sided = " and ".join(f"`{measure.name}`" for measure in MEASURES if measure.side)
-    lines[1] += " Of an angle or a corridor of `two_shots` neither losses nor optimiser know (`test_measures.py`)."
+    lines[1] += " An angle or a corridor of `two_shots` is neither in losses nor in the optimiser. Which statistics "
+    lines[1] += "and levels units, losses and optimiser take [stands with them](design.md#what-a-requirement-limits)."
     lines[0] += f" Those that `side: above` or `below` may stand with are asked as {one_sided}, too."
     for consumer, (_, words) in HOLES.items():
         left = [f"`{measure.name}`" for measure in MEASURES if is_hole(measure, consumer)]

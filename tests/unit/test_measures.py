@@ -15,7 +15,7 @@ from scipy.special import erf
 from plain_data import DEMO
 from tailstack import load_design, score, score_batch, verify
 from tailstack.design import Design, compile_design
-from tailstack.errors import DesignError
+from tailstack.errors import DesignError, OutOfRangeError
 from tailstack.losses import search_losses
 from tailstack.measures import MEASURE
 from tailstack.optimisation import optimise
@@ -240,48 +240,35 @@ def test_a_placement_has_the_least_angle() -> None:
     assert best.fun > angle(new) * (1 - 1e-4)
 
 
+def two_shots(length_mm: float = 30.0, **requirement: Any) -> dict[str, Any]:
+    data = entered(length_mm, **requirement)
+    data["targets"][0] |= {"ends": "two_shots", "corridor_mm": 1.5}
+    return data
+
+
 def test_what_is_drawn_anew_at_each_end_decides_an_angle() -> None:
     """independent: sums over the gains at both ends.  Ends drawn apart would have seven times the angle; of a short
-    axis only the noise of the two images is left."""
+    axis only the noise of the two images is left, unless each end has a shot of its own; results say which."""
 
-    def p95(length_mm: float, apart: bool) -> float:
+    def p95(length_mm: float, *apart: str) -> float:
         system = compile_design(load_design(entered(length_mm)))
         along = system.T_tcp_con[:3, :3] @ [0.0, 0.0, 1.0]
         across, total = np.eye(3) - np.outer(along, along), np.zeros((3, 3))
         for blocks in zip(*(linearise(system, target).blocks for target in system.targets), strict=True):
             tip, entry = (across @ block.gain("tcp") * block.spread for block in blocks)
-            own = apart or blocks[0].contributor.startswith("target_noise")
+            own = blocks[0].drawn in apart or blocks[0].contributor.startswith("target_noise")
             total += tip @ tip.T + entry @ entry.T if own else (tip - entry) @ (tip - entry).T
         return float(np.rad2deg(norm_quantile(0.95, np.zeros(3), total))) / length_mm
 
+    words = "both ends share all that is drawn", "each end has images and a pose of its own"
     for length_mm in (30.0, 1e-3):
-        estimate = score(load_design(entered(length_mm)), losses=False).measures[-1].p95
-        assert estimate == pytest.approx(p95(length_mm, False), rel=5e-3)  # uniform sources are taken for normal here
-    assert p95(30.0, True) > 6 * p95(30.0, False)
-
-
-def two_shots(**requirement: Any) -> dict[str, Any]:
-    data = entered(**requirement)
-    data["targets"][0] |= {"ends": "two_shots", "corridor_mm": 1.5}
-    return data
-
-
-def test_an_end_with_a_shot_of_its_own_shares_the_mounting_alone() -> None:
-    """independent: sums over the gains at both ends.  Told in the notes of every result."""
-    system, total = compile_design(load_design(two_shots())), np.zeros((3, 3))
-    along = system.T_tcp_con[:3, :3] @ [0.0, 0.0, 1.0]
-    for blocks in zip(*(linearise(system, target).blocks for target in system.targets), strict=True):
-        tip, entry = ((np.eye(3) - np.outer(along, along)) @ block.gain("tcp") * block.spread for block in blocks)
-        own = blocks[0].drawn == "shot"
-        total += tip @ tip.T + entry @ entry.T if own else (tip - entry) @ (tip - entry).T
-    p95 = float(np.rad2deg(norm_quantile(0.95, np.zeros(3), total))) / 30.0
-    design = load_design(two_shots())
-    estimate = score(design)
-    assert estimate.measures[-2].p95 == pytest.approx(p95, rel=5e-3)  # uniform sources are taken for normal here
-    shared = score(load_design(entered()), losses=False)
-    assert p95 > 1.4 * shared.measures[-1].p95
-    assert "trajectory entry to tip: both ends share all that is drawn" in shared.provenance.notes[-1]
-    assert "entry to tip: each end has images and a pose of its own" in " ".join(estimate.provenance.notes)
+        for stated, said, apart in ((entered, words[0], ()), (two_shots, words[1], ("shot",))):
+            estimate = score(load_design(stated(length_mm)), losses=False)
+            angle = next(each.p95 for each in estimate.measures if each.measure == "angle")
+            assert angle == pytest.approx(p95(length_mm, *apart), rel=5e-3)  # uniform sources are taken for normal here
+            assert f"trajectory entry to tip: {said}" in " ".join(estimate.provenance.notes)
+    assert p95(30.0, "shot") > 1.4 * p95(30.0)
+    assert p95(30.0, "unit", "shot") > 6 * p95(30.0)
 
 
 @pytest.mark.long
@@ -299,7 +286,9 @@ def test_what_is_not_known_of_two_shots_is_refused_or_left_out() -> None:
     assert [line.requirement for line in score(load_design(two_shots())).losses] == ["tip-accuracy"]
     data = two_shots()
     batch = score_batch(load_design(data), {"views.*.target_noise_px": [0.2, 0.3]}, columns=("value",))
-    assert batch.ways == {"in full": 2}
+    assert batch.ways["in full"] == 2
+    with pytest.raises(OutOfRangeError, match="the angle of the executed axis is of two shots, and rays are of one"):
+        verify(load_design(data), method="radial")
     with pytest.raises(DesignError, match="limits the angle of the executed axis of two shots, which no search knows"):
         optimise(load_design(data | {"optimise": DEMO["optimise"] | {"requirement": "straight"}}))
     with pytest.raises(DesignError, match="which fiducials a shot misses: not known of two shots"):

@@ -28,7 +28,7 @@ from tailstack.design.optimise_document import (
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
 from tailstack.measures.measure import Channel
-from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.chain import run_indices, run_other_shots
 from tailstack.montecarlo.plan import compile_plan
 
 from .beams import Beam, beams_of
@@ -498,24 +498,32 @@ def errors(system: System, score: Score | Errors, magnification: float, called: 
 EXECUTED = 50  # axes drawn of each trajectory
 
 
+def _draw_executed(system: System) -> Array:
+    """(2, T, 3, n) mm in tcp, of shots and, where a trajectory has one at each end, of others of the same mountings."""
+    plan = compile_plan(system)
+    found = run_indices(plan, 0, 0, EXECUTED).errors
+    others = run_other_shots(plan, 0, 0, EXECUTED) if any(each.two_shots for each in system.targets) else found
+    return np.stack([found, others])[:, :, 0]
+
+
 def trajectories(system: System, magnification: float) -> list[Item]:
     """Planned trajectories; magnified as errors are, their corridors, and the axes of some shots of a simulation."""
     named = {target.name: k for k, target in enumerate(system.targets)}
     entered = [(named[target.entry], k, target) for k, target in enumerate(system.targets) if target.entry is not None]
     if not entered:
         return []
-    found = run_indices(compile_plan(system), 0, 0, EXECUTED).errors[:, 0] if magnification else np.zeros((0, 3, 0))
-    found = magnification * system.T_tcp_con[:3, :3].T @ found
+    shots = magnification * system.T_tcp_con[:3, :3].T @ _draw_executed(system) if magnification else None
     items = []
     for first, last, target in entered:
         begin, end = system.targets[first].position_mm, target.position_mm
         name = f"{printable(target.entry or '', LONGEST)} to {printable(target.name, LONGEST)}"
         items.append(Item("line", "targets", "trajectory", points_of([begin, end]), "", f"trajectory {name}"))
-        if not magnification:
+        if shots is None:
             continue
-        for shot in np.flatnonzero(np.isfinite(found[[first, last]]).all(axis=(0, 1))):
+        own = shots[int(target.two_shots), first], shots[0, last]
+        for shot in np.flatnonzero(np.isfinite(own).all(axis=(0, 1))):
             title = f"{name}: executed axis of shot {shot + 1} of a simulation, seed 0"
-            ends = points_of([begin + found[first, :, shot], end + found[last, :, shot]])
+            ends = points_of([begin + own[0][:, shot], end + own[1][:, shot]])
             items.append(Item("line", "executed", "executed", ends, "", title))
         if target.channel is not None:
             title = f"corridor of {name}: {target.channel.words}"

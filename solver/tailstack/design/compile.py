@@ -138,7 +138,7 @@ def _compile(design: Design) -> System:
         assumed=list_assumed(design.source.data),
         title_block=None if document.document is None else document.document.model_dump(),
     )
-    _refuse_two_shots(system)
+    _refuse_two_shots(system, [target.name for target in document.targets])
     metrics = system.metrics
     listed = enumerate(zip(document.requirements, named, strict=True))
     return replace(
@@ -147,8 +147,8 @@ def _compile(design: Design) -> System:
     )
 
 
-def _refuse_two_shots(system: System) -> None:
-    """Where what a shot draws cannot be drawn for each end."""
+def _refuse_two_shots(system: System, names: Sequence[str]) -> None:
+    """Where what a shot draws cannot be drawn for each end; names: of the targets, as in the document."""
     two = next((each for each in system.targets if each.two_shots), None)
     if two is None:
         return
@@ -158,7 +158,7 @@ def _refuse_two_shots(system: System) -> None:
     if bounded + missed:
         detail = f"{', '.join(bounded + missed)}: not known of two shots"
         hint = "leave ends out, or state a law in place of bounded, and no loss_probability"
-        raise DesignError(Problem(f"/targets/{system.targets.index(two)}/ends", "two-shots", detail, hint))
+        raise DesignError(Problem(f"/targets/{names.index(two.name)}/ends", "two-shots", detail, hint))
 
 
 def _effects(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:

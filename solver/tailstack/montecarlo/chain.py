@@ -76,10 +76,15 @@ def measure_trials(plan: ChainPlan, seed: int, first: int, errors: Array) -> Arr
     """:func:`measure_errors` of trials first ... of this seed, with another shot of each where a site asks for it."""
     if not any(metric.site.other_shot for metric in plan.system.derived_metrics):
         return measure_errors(plan.system, errors)
-    indices = np.arange(first, first + errors.shape[-1], dtype=np.int64)
+    return measure_errors(plan.system, errors, run_other_shots(plan, seed, first, errors.shape[-1]))
+
+
+def run_other_shots(plan: ChainPlan, seed: int, first: int, count: int) -> Array:
+    """Errors (T, 2, 3, n) of another shot, of the same unit and mounting, of trials first ... first + count - 1."""
+    indices = np.arange(first, first + count, dtype=np.int64)
     z, columns = draw(plan, seed, indices), _columns_of_shots(plan)
     z[:, columns] = draw(plan, seed, indices, OTHER_STREAM)[:, columns]
-    return measure_errors(plan.system, errors, np.moveaxis(evaluate(plan, z), 0, -1))
+    return np.moveaxis(evaluate(plan, z), 0, -1)
 
 
 @lru_cache(maxsize=PLANS)
