@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
-from plain_data import DEMO, problems_of
+from plain_data import DEMO, EXAMPLES, problems_of
 from tailstack import load_design, score
 from tailstack.design import Design, design_to_data
 from tailstack.geometry.arrays import Array
@@ -42,9 +44,7 @@ def named(points: Array, count: int = 12) -> list[dict[str, Any]]:
 
 def test_a_transform_carries_the_points_of_a_file_to_con(tmp_path: Path) -> None:
     """closed_form: the design that has them there, to its hash."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = TURN, SHIFT
-    found = of_file(tmp_path, T_con_file=matrix.tolist())
+    found = of_file(tmp_path, T_con_file=POSE.tolist())
     assert found.sha256 == load_design(DEMO).sha256
     assert "beads.csv: its points were carried to con by T_con_file" in score(found).provenance.notes
     assert load_design(design_to_data(found)).sha256 == found.sha256
@@ -107,6 +107,8 @@ def markups(kind: str, points: list[tuple[str, Array]]) -> str:
     return json.dumps({"markups": [{"type": kind, "coordinateSystem": "RAS", "controlPoints": held}]})
 
 
+POSE = np.eye(4)
+POSE[:3, :3], POSE[:3, 3] = TURN, SHIFT
 ENDS = np.array([[10.0, 5.0, 60.0], [4.0, 3.0, 85.0]])
 
 
@@ -120,11 +122,13 @@ def planned(folder: Path, *files: dict[str, Any]) -> Design:
     return load_design(data | {"targets": [], "target_files": list(files)}, base_directory=folder)
 
 
-def test_a_line_of_the_scene_of_the_beads_is_a_trajectory_in_con(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("how", "entry", "end"), [({"line": "L4"}, "L4 entry", "L4"), ({"pairs": True}, "L-1", "L-2")])
+def test_a_line_of_the_scene_of_the_beads_is_a_trajectory_in_con(tmp_path: Path, how, entry, end) -> None:
     """closed_form: the design that states its two targets, to its hash."""
-    found = planned(tmp_path, {"file": "line.mrk.json", "line": "L4", "as_fiducials": True})
+    found = planned(tmp_path, {"file": "line.mrk.json", **how, "corridor_mm": 1.5, "as_fiducials": True})
     first, last = ENDS.tolist()
-    stated = [{"name": "L4", "position_mm": last, "entry": "L4 entry"}, {"name": "L4 entry", "position_mm": first}]
+    planned_there = {"name": end, "position_mm": last, "entry": entry, "corridor_mm": 1.5}
+    stated = [planned_there, {"name": entry, "position_mm": first}]
     assert found.sha256 == load_design(DEMO | {"targets": stated}).sha256
     assert load_design(design_to_data(found)).sha256 == found.sha256
     said = [note for note in score(found).provenance.notes if note.startswith("line.mrk.json")]
@@ -133,9 +137,7 @@ def test_a_line_of_the_scene_of_the_beads_is_a_trajectory_in_con(tmp_path: Path)
 
 
 def test_points_of_a_file_with_a_transform_of_its_own_are_targets_by_their_labels(tmp_path: Path) -> None:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = TURN, SHIFT
-    found = planned(tmp_path, {"file": "line.mrk.json", "T_con_file": matrix.tolist()})
+    found = planned(tmp_path, {"file": "line.mrk.json", "T_con_file": POSE.tolist()})
     assert [each.name for each in found.document.targets] == ["L-1", "L-2"]
     np.testing.assert_allclose([each.position_mm for each in found.document.targets], ENDS, atol=1e-6)
 
@@ -150,6 +152,9 @@ STRETCHED, STILL = np.diag([2, 1, 1, 1]).tolist(), np.eye(4).tolist()
         ({"file": "one.mrk.json", "line": "L4"}, "line", "zero-direction"),
         ({"file": "line.mrk.json", "T_con_file": STRETCHED}, "T_con_file", "not-rigid"),
         ({"file": "line.mrk.json", "as_fiducials": True, "T_con_file": STILL}, "T_con_file", "one-of"),
+        ({"file": "one.mrk.json", "pairs": True}, "pairs", "missing-point"),
+        ({"file": "line.mrk.json", "pairs": True, "line": "L4"}, "pairs", "one-of"),
+        ({"file": "line.mrk.json", "corridor_mm": 1.5}, "corridor_mm", "unused-field"),
     ],
 )
 def test_what_no_target_can_be_read_from_is_refused(tmp_path: Path, file, field, code) -> None:
@@ -177,3 +182,58 @@ def test_as_it_was_written_a_design_names_its_files(tmp_path: Path) -> None:
     )
     assert load_design(written, base_directory=tmp_path).sha256 == found.sha256
     assert found.files == ["beads.csv", "line.mrk.json"]
+
+
+SEAT = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text(encoding="utf-8"))["interfaces"]["structure_connector"]
+
+
+def seated(folder: Path, contacts: Sequence[dict[str, Any]], **section: Any) -> Design:
+    """The demo on contacts of two files in the frame of its beads, each with a law of its own."""
+    files = []
+    for index, law in enumerate(dict.fromkeys(json.dumps(each["law"]) for each in contacts)):
+        own = [each for each in contacts if json.dumps(each["law"]) == law]
+        rows = ((each["name"], np.array(each["position_mm"]), np.array(each["normal"])) for each in own)
+        both = [point for name, at, normal in rows for point in ((name, at), (f"along {name}", at + 7 * normal))]
+        there = [(name, (at - SHIFT) @ TURN) for name, at in both]
+        (folder / f"{index}.mrk.json").write_text(markups("Fiducial", there), encoding="utf-8")
+        files.append({"file": f"{index}.mrk.json", "T_con_file": POSE.tolist(), **json.loads(law)})
+    seat = {"pivot_mm": SEAT["pivot_mm"], "locator_files": files, **section}
+    assumed = ["/interfaces/structure_connector/locator_files/0/half_width_mm"]
+    data = DEMO | {"interfaces": {"structure_connector": seat}, "optimise": None, "assumed": assumed}
+    return load_design(data, base_directory=folder)
+
+
+LAWS = ("half_width_mm", "distribution", "coverage_factor")
+CONTACTS = [each | {"law": {name: each[name] for name in LAWS if name in each}} for each in SEAT["locators"]]
+
+
+def test_contacts_of_files_hold_as_those_of_the_document(tmp_path: Path) -> None:
+    """closed_form: the design that states its six locators, to every number; only lengths of normals differ."""
+    found = seated(tmp_path, CONTACTS)
+    stated = {"pivot_mm": SEAT["pivot_mm"], "locators": SEAT["locators"]}
+    expected = load_design(DEMO | {"interfaces": {"structure_connector": stated}, "optimise": None})
+    assert score(found).targets[0].p95_mm == pytest.approx(score(expected).targets[0].p95_mm, rel=1e-7)
+    alone = load_design(design_to_data(found))
+    assert alone.document.interfaces == found.document.interfaces
+    assert alone.document.assumed == ["/interfaces/structure_connector/locators"]
+    assert sum("carried to con by T_con_file" in note for note in score(alone).provenance.notes) == 3
+    assert design_to_data(found, inline=False)["interfaces"]["structure_connector"].keys() == {
+        "pivot_mm",
+        "locator_files",
+    }
+    assert found.files == ["0.mrk.json", "1.mrk.json", "2.mrk.json"]
+
+
+@pytest.mark.parametrize(
+    ("contacts", "section", "code"),
+    [
+        (CONTACTS[:5], {}, "wrong-length"),
+        ([*CONTACTS[:5], CONTACTS[5] | {"name": "A1"}], {}, "duplicate-name"),
+        ([*CONTACTS[:5], CONTACTS[5] | {"normal": [0, 0, 0]}], {}, "zero-direction"),
+        (CONTACTS, {"locators": SEAT["locators"]}, "one-of"),
+    ],
+)
+def test_files_that_hold_no_seat_are_refused(tmp_path: Path, contacts, section, code) -> None:
+    problem = problems_of(seated, tmp_path, contacts, **section)[0]
+    assert problem.pointer.startswith("/interfaces/structure_connector/locator_files")
+    assert problem.code == code

@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.design.loading import read_source
@@ -25,8 +26,8 @@ SCHEMA = re.compile(rb"\btailstack/(\w+)/\d")
 
 
 def list_affected(changed: Sequence[str], judged_by: Iterable[str | None]) -> list[str]:
-    """The designs among the changed files, and those of the repository that hang on one of them: by their file of
-    fiducials, or all of them by the policy, the waivers or the baseline.
+    """The designs among the changed files, and those of the repository that hang on one of them: by a file that
+    they name, or all of them by the policy, the waivers or the baseline.
 
     Raises RequestError where Git does not say what is in the repository.
     """
@@ -50,7 +51,7 @@ def _may_be_design(name: str) -> bool:
 
 
 def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, set[Path]]]:
-    """The designs of the repository, as Git has them, each with the files of fiducials and targets that it names."""
+    """The designs of the repository, as Git has them, each with the files that it names."""
     root = (find_root(resolve(changed[0])) if changed else None) or Path.cwd()
     try:
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, check=True, timeout=60)
@@ -62,8 +63,13 @@ def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, set[Path]]]:
             with suppress(TailstackError):  # what is damaged and was not changed is not this commit's
                 data = read_source(root / name).data
                 if isinstance(data, dict) and str(data.get("schema")).startswith("tailstack/design/"):
-                    targets = data.get("target_files")
-                    sections = [data.get("fiducials"), *(targets if isinstance(targets, list) else ())]
-                    files = [each.get("file") for each in sections if isinstance(each, dict)]
-                    named = [file for file in files if isinstance(file, str) and "\0" not in file]
+                    named = [file for file in _list_files(data) if isinstance(file, str) and "\0" not in file]
                     yield str(root / name), {resolve(str((root / name).parent / file)) for file in named}
+
+
+def _list_files(data: Any) -> Iterator[Any]:
+    """What stands in a field called file, anywhere."""
+    if isinstance(data, dict):
+        yield data.get("file")
+    for each in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
+        yield from _list_files(each)

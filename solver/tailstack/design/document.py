@@ -388,6 +388,43 @@ ViewDocument = Annotated[
 ]
 
 
+class PointFile(Record):
+    """Points in a file beside the design, of the formats of fiducial files."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="Its name, a relative path.", examples=["plan/lesions.fcsv"]
+    )
+    T_con_file: Transform | None = Field(
+        default=None, description="Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."
+    )
+    as_fiducials: bool = Field(
+        default=False,
+        description="true: its points are in one scene with those of the fiducials' file, and are carried to con by "
+        "the same motion. Default false.",
+        examples=[True],
+    )
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> Self:
+        if self.T_con_file is not None and self.as_fiducials:
+            raise refusal(
+                "one-of", "as_fiducials says where T_con_file comes from; both arrived", KEEP_ONE, "T_con_file"
+            )
+        return self
+
+
+class LocatorFile(PointFile):
+    """Contacts in a file: its points go two by two, a contact and any point from it along its normal."""
+
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
+        description="Half-width of the deviation of each along its normal, mm.", examples=[0.01]
+    )
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    _law = with_law("half_width_mm")
+
+
 class Locator(Record):
     """One point contact: the seat holds the part at this point along this normal."""
 
@@ -439,15 +476,20 @@ class Interface(Record):
         description="The seat as its drawing states it: pads with flatness, pins with fits, slots, spigots, vees. "
         "Together they hold six motions, and the torsor follows from what each allows.",
     )
+    locator_files: Annotated[list[LocatorFile], Field(min_length=1, max_length=6)] | None = Field(
+        default=None,
+        description="The six locators, in files beside the design: a contact is called by the label of its point.",
+    )
     drawn: HowOften = level_field(Drawn.UNIT, "its tolerances, locators or features")
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT, "features": None})
+    _as_before = leave_out_later({"drawn": Drawn.UNIT, "features": None, "locator_files": None})
 
     @model_validator(mode="after")
     def _one_description(self) -> Interface:
-        ways = [field for field in ("tolerances", "locators", "features") if getattr(self, field) is not None]
+        every = ("tolerances", "locators", "locator_files", "features")
+        ways = [field for field in every if getattr(self, field) is not None]
         if len(ways) > 1:
-            detail = f"give one of tolerances, locators and features; {' and '.join(ways)} arrived"
+            detail = f"give one of {', '.join(every)}; {' and '.join(ways)} arrived"
             raise refusal("one-of", detail, f"the torsor follows from {ways[-1]}", ways[-1])
         for field in ("locators", "features"):
             names = [each.name for each in getattr(self, field) or ()]
@@ -917,35 +959,31 @@ class TargetDocument(Record):
         return self
 
 
-class TargetFile(Record):
-    """Targets in a file beside the design, of the formats of fiducial files."""
+class TargetFile(PointFile):
+    """Targets in a file beside the design."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="Its name, a relative path. Each of its points is a target, called by its label.",
-        examples=["plan/lesions.fcsv"],
-    )
     line: Name | None = Field(
         default=None,
         description="The file is a line of that name: its last point is a target called so, its first one the target "
         "through which an instrument comes there, called NAME entry.",
         examples=["L4 left"],
     )
-    T_con_file: Transform | None = Field(
-        default=None, description="Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."
-    )
-    as_fiducials: bool = Field(
+    pairs: bool = Field(
         default=False,
-        description="true: its points are in one scene with those of the fiducials' file, and are carried to con by "
-        "the same motion. Default false.",
+        description="true: its points go two by two, the one through which an instrument comes and the one where it "
+        "ends, each a target called by its label. Default false: each point is a target by itself.",
         examples=[True],
+    )
+    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(
+        default=None, description="With line or pairs: corridor_mm of its trajectories. Absent: none.", examples=[1.5]
     )
 
     @model_validator(mode="after")
-    def _one_motion(self) -> TargetFile:
-        if self.T_con_file is not None and self.as_fiducials:
-            raise refusal(
-                "one-of", "as_fiducials says where T_con_file comes from; both arrived", KEEP_ONE, "T_con_file"
-            )
+    def _trajectories(self) -> TargetFile:
+        if self.line is not None and self.pairs:
+            raise refusal("one-of", "a file is one line or holds pairs; line and pairs arrived", KEEP_ONE, "pairs")
+        if self.corridor_mm is not None and self.line is None and not self.pairs:
+            raise refusal("unused-field", "corridor_mm is read only beside line or pairs", at="corridor_mm")
         return self
 
 
@@ -1219,8 +1257,8 @@ class DesignDocument(_Design):
     )
     target_origins: list[FiducialOrigin] | None = Field(
         default=None,
-        description="Only with targets that were read from files: which, and what was done to their points. "
-        "Results note it; it changes no number, nor the hash of the design.",
+        description="Only with targets or locators that were read from files: which, and what was done to their "
+        "points. Results note it; it changes no number, nor the hash of the design.",
     )
     bodies: list[RigidBody] = Field(
         default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
@@ -1244,17 +1282,29 @@ class DesignDocument(_Design):
 
     @model_validator(mode="after")
     def _has_a_target(self) -> DesignDocument:
-        if self.target_files is not None and self.target_origins is not None:
-            words = "target_origins belongs to targets that were read from files; here the files themselves are named"
+        files = self.point_files
+        if files and self.target_origins is not None:
+            words = "target_origins belongs to points that were read from files; here the files themselves are named"
             raise refusal("unused-field", words, "remove target_origins", "target_origins")
         if not self.targets and self.target_files is None:
             raise refusal("too-short", "needs at least 1 entry; got an empty list", "name a target", "targets")
-        if self.fiducials.file is None:
-            for index, each in enumerate(self.target_files or ()):
-                if each.as_fiducials:
-                    detail = "the fiducials are in con already, and came from no file"
-                    raise refusal("unused-field", detail, "state T_con_file here", f"target_files/{index}/as_fiducials")
+        for at, each in files.items() if self.fiducials.file is None else ():
+            if each.as_fiducials:
+                detail = "the fiducials are in con already, and came from no file"
+                raise refusal("unused-field", detail, "state T_con_file here", f"{at[1:]}/as_fiducials")
         return self
+
+    @property
+    def point_files(self) -> dict[str, TargetFile | LocatorFile]:
+        """By pointer: files of targets, and of the locators of either interface."""
+        held = ((name, getattr(self.interfaces, name)) for name in Interfaces.model_fields)
+        files = {f"/target_files/{index}": each for index, each in enumerate(self.target_files or ())}
+        return files | {
+            f"/interfaces/{name}/locator_files/{index}": each
+            for name, interface in held
+            if interface is not None
+            for index, each in enumerate(interface.locator_files or ())
+        }
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

@@ -24,8 +24,8 @@ from ..geometry.rotation import (
     transform_points,
 )
 from ..units import LENGTHS_MM
-from .consistency import check_entries
-from .document import Fiducials, NamedPoint, TargetDocument, TargetFile
+from .consistency import check_entries, find_duplicates
+from .document import Fiducials, Interface, Locator, LocatorFile, NamedPoint, PointFile, TargetDocument, TargetFile
 from .fiducial_files import FiducialList
 from .optimise_document import SearchSurface
 from .pose import Pose
@@ -35,6 +35,7 @@ RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; 
 FRAME_FIELDS = ("T_con_file", "registered_to")  # of what is read from a file
 DECIMALS = 6  # of positions in mm: the last digits of a decomposition are those of a library
 ON_A_LINE = 1e-3  # of the spread of points: what they have across a line, below which a turn about it is not known
+_Named = tuple[str, tuple[float, float, float]]  # label and position
 STRETCHED = 0.1  # by which two sets of points may differ in size before they are not the same
 
 
@@ -45,7 +46,7 @@ class FileMotion(NamedTuple):
     remarks: tuple[str, ...]  # what is to be known of it
 
 
-def motion_of(section: Fiducials | TargetFile, pointer: str, read: FiducialList) -> FileMotion | None:
+def motion_of(section: Fiducials | PointFile, pointer: str, read: FiducialList) -> FileMotion | None:
     """That of a file with these points, which the section at a pointer states; None: they are in con.
 
     Raises DesignError."""
@@ -104,18 +105,52 @@ def _register(wanted: Sequence[NamedPoint], read: FiducialList, remarks: list[st
 
 def targets_of(section: TargetFile, pointer: str, read: FiducialList) -> list[TargetDocument]:
     """The targets that points of a file in con stand for.  Raises DesignError."""
-    if section.line is None:
-        pairs = zip(read.labels, read.positions_mm, strict=True)
-        return [TargetDocument(name=label, position_mm=position) for label, position in pairs]
-    first, last = read.positions_mm[0], read.positions_mm[-1]
-    if first == last:
-        detail = f"a line has two ends; {section.file} holds {len(read.labels)} points, its first and last in one place"
-        raise DesignError(Problem(f"{pointer}/line", "zero-direction", detail, "leave line out for single points"))
-    entry = f"{section.line[:74]} entry"
-    return [
-        TargetDocument(name=section.line, position_mm=last, entry=entry),
-        TargetDocument(name=entry, position_mm=first),
-    ]
+    if section.pairs:
+        ends = _pairs_of(section, f"{pointer}/pairs", read)
+    elif section.line is not None:
+        both = f"{section.line[:74]} entry", section.line
+        named = FiducialList(both, (read.positions_mm[0], read.positions_mm[-1]))
+        ends = _pairs_of(section, f"{pointer}/line", named)
+    else:
+        points = zip(read.labels, read.positions_mm, strict=True)
+        return [TargetDocument(name=label, position_mm=position) for label, position in points]
+    found = []
+    for (entry, first), (name, last) in ends:
+        channel = {} if section.corridor_mm is None else {"corridor_mm": section.corridor_mm}
+        end = {"name": name, "position_mm": last, "entry": entry, **channel}
+        found.append(TargetDocument.model_validate(end))
+        found.append(TargetDocument(name=entry, position_mm=first))
+    return found
+
+
+def _pairs_of(section: PointFile, pointer: str, read: FiducialList) -> list[tuple[_Named, _Named]]:
+    """Points two by two, none of them in one place.  Raises DesignError."""
+    points = list(zip(read.labels, read.positions_mm, strict=True))
+    if len(points) % 2:
+        detail = f"points go two by two; {section.file} holds {len(points)}"
+        raise DesignError(Problem(pointer, "missing-point", detail, "add the other end of the last, or take it out"))
+    for (first, there), (last, here) in (pairs := list(zip(points[::2], points[1::2], strict=True))):
+        if there == here:
+            detail = f"{section.file}: a line has two ends; {first} and {last} are in one place"
+            raise DesignError(Problem(pointer, "zero-direction", detail, "move one of both"))
+    return pairs
+
+
+def with_locators(interface: Interface, pointer: str, files: Sequence[tuple[LocatorFile, FiducialList]]) -> Interface:
+    """An interface with the contacts that points of its files, in con, stand for.  Raises DesignError."""
+    found = []
+    for index, (section, read) in enumerate(files):
+        law = {name: getattr(section, name) for name in section.model_fields_set - PointFile.model_fields.keys()}
+        for (name, place), (_, beyond) in _pairs_of(section, f"{pointer}/{index}/file", read):
+            normal = tuple(np.round(np.subtract(beyond, place), DECIMALS).tolist())
+            found.append(Locator(name=name, position_mm=place, normal=normal, **law))
+    if len(found) != 6:
+        detail = f"six contacts hold a seat; its files hold {len(found)}"
+        raise DesignError(Problem(pointer, "wrong-length", detail, "two points a contact: its place, and one along it"))
+    if problems := find_duplicates([each.name for each in found], lambda _: pointer, "contacts"):
+        raise DesignError(problems)
+    kept = {name: getattr(interface, name) for name in interface.model_fields_set - {"locator_files"}}
+    return Interface.model_validate({**kept, "locators": found})
 
 
 def read_surface_of(surface: SearchSurface) -> Surface:

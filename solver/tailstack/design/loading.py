@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -16,9 +17,18 @@ from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument
+from .document import SCHEMA_NAME, DesignDocument, LocatorFile, TargetFile
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
-from .frames import FRAME_FIELDS, FileMotion, carry, compile_transform, motion_of, read_surface_of, targets_of
+from .frames import (
+    FRAME_FIELDS,
+    FileMotion,
+    carry,
+    compile_transform,
+    motion_of,
+    read_surface_of,
+    targets_of,
+    with_locators,
+)
 from .optimise_document import SearchSurface, put_surface, surfaces_in
 from .pointers import find_places, pointer_of, replace_value, suggest, value_at
 from .reading import (
@@ -60,7 +70,7 @@ class Design:
         """The files that it refers to, as it names them."""
         written = self.as_written
         surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
-        named = [written.fiducials.file, *(each.file for each in written.target_files or ()), *surfaces]
+        named = [written.fiducials.file, *(each.file for each in written.point_files.values()), *surfaces]
         return [name for name in dict.fromkeys(named) if name]
 
     def __repr__(self) -> str:
@@ -172,8 +182,8 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     except ValidationError as error:
         raise refuse(error, source, limits) from None
     reader, written = _FileReader(source, allow_files, limits), document
-    if document.target_files is not None:  # what they hold is judged with the rest of the document
-        document = reader.with_targets_of_files(document)
+    if document.point_files:  # what they hold is judged with the rest of the document
+        document = reader.with_points_of_files(document)
     for pointer, surface in surfaces_in(document.optimise).items():
         section = put_surface(document.optimise, pointer, reader.with_content(surface, pointer))
         document = document.model_copy(update={"optimise": section})
@@ -242,7 +252,7 @@ class _FileReader:
     def read(self, name: str, pointer: str) -> FiducialList:
         """The points of a file, as they stand there.  Raises DesignError, LimitError."""
         with self._placing(pointer):
-            path = self.find(name, ENDINGS, "put the points inline (points:, targets:)")
+            path = self.find(name, ENDINGS, "put the points inline (points:, targets:, locators:)")
             return read_fiducials(read_bytes(path, self.limits.fiducial_file_bytes, name), name, self.limits)
 
     def find(self, name: str, endings: tuple[str, ...], inline: str) -> Path:
@@ -265,18 +275,28 @@ class _FileReader:
             motion = motion_of(stated, "/fiducials", read)
         return carry(read, motion), motion
 
-    def with_targets_of_files(self, document: DesignDocument) -> DesignDocument:
-        """The document with targets in place of files of them."""
+    def with_points_of_files(self, document: DesignDocument) -> DesignDocument:
+        """The document with targets and locators in place of files of them."""
         _, shared = self.fiducials(document)
         targets, origins = list(document.targets), []
-        for index, each in enumerate(document.target_files or ()):
-            pointer = f"/target_files/{index}"
+        contacts: dict[str, list[tuple[LocatorFile, FiducialList]]] = defaultdict(list)
+        for pointer, each in document.point_files.items():
             read = self.read(each.file, f"{pointer}/file")
             with self._placing():
                 read = carry(read, shared if each.as_fiducials else motion_of(each, pointer, read))
-                targets += targets_of(each, pointer, read)
+                if isinstance(each, TargetFile):
+                    targets += targets_of(each, pointer, read)
+                else:
+                    contacts[pointer.split("/")[2]].append((each, read))
             origins.append(read.origin)
-        return document.model_copy(update={"targets": targets, "target_files": None, "target_origins": origins})
+        with self._placing():
+            held = {
+                name: with_locators(getattr(document.interfaces, name), f"/interfaces/{name}/locator_files", files)
+                for name, files in contacts.items()
+            }
+        changed = {"targets": targets, "target_files": None, "target_origins": origins}
+        interfaces = {"interfaces": document.interfaces.model_copy(update=held)} if held else {}
+        return document.model_copy(update=changed | interfaces)
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
         """A surface with what its file holds, which can be read, and has the side that is asked for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -32,6 +33,9 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
     these, so that the result stands alone and says what was done to them.
     """
     document = design.document if inline else design.as_written
+    if inline and document.assumed:
+        moved = [re.sub(r"(/targ|/locat)(et|or)_files.*", r"\1\2s", each) for each in document.assumed]
+        document = document.model_copy(update={FIELD: list(dict.fromkeys(moved))})
     if inline and document.fiducials.file is not None:
         points = [
             FiducialPoint(label=label, position_mm=position)
