@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from tailstack.errors import TailstackError
-from tailstack.results import Finding, GlobalBound, ViewCheck
+from tailstack.results import Finding, GlobalBound, Relaxation, ViewCheck
 from tailstack.results.record import Published
 from tailstack.results.verdicts import assumed_sentence
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
 
-BOUND_SECONDS = 1.0  # for each design
+BOUND_SECONDS = 10.0  # for each design
 
 
 class ValidationOptions(Options):
@@ -74,6 +74,8 @@ class Validation(Published):
     """What nobody stated: a JSON pointer (RFC 6901) into the design document for each assumed value."""
     bounds: tuple[GlobalBound, ...] = ()
     """For each requirement that its `optimise` section asks for, what no layout undercuts; empty unless asked for."""
+    cheapest: Relaxation | None = None
+    """What no layout undercuts in cost, with whatever half-widths; null unless asked for, and a cost is made least."""
 
 
 def validate(design: Design, *, bound: bool = False) -> Validation:
@@ -84,6 +86,7 @@ def validate(design: Design, *, bound: bool = False) -> Validation:
     from tailstack.design import check_design
 
     system, findings, visibility = check_design(design)
+    bounds, cheapest = _bound(design) if bound else ((), None)
     return Validation(
         schema="tailstack/validation/1",
         valid=True,
@@ -97,12 +100,13 @@ def validate(design: Design, *, bound: bool = False) -> Validation:
         findings=findings,
         notes=system.notes,
         assumed=system.assumed,
-        bounds=_bound(design) if bound else (),
+        bounds=bounds,
+        cheapest=cheapest,
     )
 
 
-def _bound(design: Design) -> tuple[GlobalBound, ...]:
-    from tailstack.optimisation.global_bound import bound_layouts
+def _bound(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation | None]:
+    from tailstack.optimisation.cost_bound import bound_layouts
 
     return bound_layouts(design)
 
@@ -127,6 +131,8 @@ def validation_text(file: str, validation: Validation) -> str:
     lines += [
         wrap(f"{each.requirement}: {each.statement}", first="  bound: ", indent="    ") for each in validation.bounds
     ]
+    if validation.cheapest is not None:
+        lines.append(wrap(f"cost: {validation.cheapest.statement}", first="  bound: ", indent="    "))
     if validation.assumed:
         lines.append(wrap(f"{assumed_sentence(validation.assumed)}:", first="  assumed: ", indent="    "))
         lines += [f"    {visible(pointer)}" for pointer in validation.assumed]

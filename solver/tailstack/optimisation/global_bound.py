@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from math import inf, isfinite, sqrt
 from typing import NamedTuple
@@ -36,8 +37,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contributors import KIND, Columns, law_of
-from ..design import Design
-from ..design.loading import locate_refusals
 from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..geometry.rotation import rigid_transform, skew
@@ -46,12 +45,11 @@ from ..results.digits import at_most
 from ..system import Law, Place
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_gradient, law_quantile
 from .exact_law import evaluate_demand
-from .problem import Choice, PlacementProblem, present_choice
+from .problem import Choice, PlacementProblem
 from .program import GRID_MM
 from .regions import BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
-from .request import read_request
 from .surface import NearSurface
-from .terms import DemandTerms, every_terms
+from .terms import DemandTerms
 
 ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
 FREQUENCY = 5  # of the net of directions: 4 n^2 + 2 of them, half of them opposite
@@ -127,24 +125,30 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
 
     net: of :func:`net_of`.  Raises NoBound, with the reason.
     """
-    to_error, p = term.to_error, term.demand.requirement.quantile
-    least = net.metric
-    for _ in range(2):  # which L is best depends on the law that it makes
-        law = _law_with(term, half_width, to_error @ least @ to_error.T)
-        slopes = law_gradient(law, law_quantile(law, p)).by_covariance
-        least = fit_below(net, to_error.T @ slopes @ to_error)
-    law = _law_with(term, half_width, to_error @ least @ to_error.T)
-    least_mm, bias = _sure_quantile(law, p), term.bias_mm
-    moved = _is_bias_moved(problem)
+    p, bias, moved = term.demand.requirement.quantile, term.bias_mm, is_bias_moved(problem)
+    law = law_with(term, half_width, fit_images(net, term, half_width))
+    least_mm = sure_quantile(law, p)
     if bias.any() and not moved:
         level = p if not law.columns.any() else sqrt(2 * p - 1)
-        with_bias = _sure_quantile(replace(law, mean=bias), level)
+        with_bias = sure_quantile(replace(law, mean=bias), level)
         if with_bias > least_mm:
             at = "" if level == p else f", computed at P{100 * level:.2f} so that it holds with the known bias"
             return QuantileBound(with_bias, at)
     return QuantileBound(least_mm, ", without the known bias" if bias.any() or moved else "")
 
 
+def fit_images(net: Net, term: DemandTerms, half_width: Array) -> Array:
+    """(3, 3) mm^2 in the frame of the error, below what the images add at any layout: the L that the law at
+    half-widths (K,) feels most."""
+    to_error, p, least = term.to_error, term.demand.requirement.quantile, net.metric
+    for _ in range(2):  # which L is best depends on the law that it makes
+        law = law_with(term, half_width, to_error @ least @ to_error.T)
+        slopes = law_gradient(law, law_quantile(law, p)).by_covariance
+        least = fit_below(net, to_error.T @ slopes @ to_error)
+    return np.asarray(to_error @ least @ to_error.T)
+
+
+@lru_cache(maxsize=8)
 def net_of(problem: PlacementProblem, term: DemandTerms) -> Net:
     """Of all that a problem leaves free, for one demand.  Raises NoBound, with the reason."""
     if reason := why_none(problem, term):
@@ -192,18 +196,6 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     )
 
 
-def bound_layouts(design: Design) -> tuple[GlobalBound, ...]:
-    """For each requirement that its ``optimise`` section asks for, what no layout within it undercuts at the design's
-    half-widths, before anything is solved.  Raises DesignError."""
-    with locate_refusals(design):
-        problem = read_request(design).problem
-        terms, here = every_terms(problem), present_choice(problem)
-    return tuple(
-        certify_layout(problem, [term for term in terms if term.demand.requirement.name == requirement.name], here)
-        for requirement in problem.requirements
-    )
-
-
 def _value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
     """mm; infinite where the layout has no answer."""
     try:
@@ -245,28 +237,32 @@ def _counts(law: Law) -> bool:
     return law is Law.NORMAL
 
 
-def _is_bias_moved(problem: PlacementProblem) -> bool:
+def is_bias_moved(problem: PlacementProblem) -> bool:
     """Whether part of the known bias comes through the images, and depends on the layout."""
     system = problem.system
     moving = any(effect.known.any() for effect in system.shared_image_errors)
     return moving or any(error is not None and error.known.any() for error in system.believed_errors)
 
 
-def _law_with(term: DemandTerms, half_width: Array, images: Array) -> LinearLaw:
-    """The law about 0 of what acts outside the images, with the covariance images (3, 3) mm^2 in their place; what is
-    bounded stays out: at its worse end it adds."""
+def columns_with(term: DemandTerms, half_width: Array) -> Columns:
+    """Of what acts outside the images, at half-widths (K,); what is bounded has no law, and at its worse end adds."""
     sources = term.sources
     widths = np.array([half_width[each.free] if each.free is not None else each.half_width for each in sources])
     std = widths * np.array([each.std_per_half_width for each in sources])
     kinds = np.array([KIND[each.law] for each in sources], dtype=np.int64)
     gains = np.ascontiguousarray(term.gains.base.T)
-    law = law_of(np.zeros(3), Columns(gains, std, widths, kinds, np.zeros(len(sources), dtype=np.int64)))
+    return Columns(gains, std, widths, kinds, np.zeros(len(sources), dtype=np.int64))
+
+
+def law_with(term: DemandTerms, half_width: Array, images: Array) -> LinearLaw:
+    """The law about 0 of what acts outside the images, with the covariance images (3, 3) mm^2 in their place."""
+    law = law_of(np.zeros(3), columns_with(term, half_width))
     return replace(law, covariance=law.covariance + images)
 
 
-def _sure_quantile(law: LinearLaw, p: float) -> float:
+def sure_quantile(law: LinearLaw, p: float, fine: bool = True) -> float:
     """Less what it may be too large by.  Raises NoBound where it is sampled."""
-    found = law_quantile(law, p)
+    found = law_quantile(law, p, fine=fine)
     if found.method == SAMPLED_METHOD:
         raise NoBound("the quantile of so many laws that are not normal is sampled")
     return found.quantile_mm - found.error_mm

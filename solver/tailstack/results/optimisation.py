@@ -178,7 +178,7 @@ class Relaxation:
     """A lower bound of the cost that no design within the given freedom (as said) can undercut."""
 
     kind: str
-    """How the bound was found (convex allocation, monotone cuts over grades), or why there is none."""
+    """How the bound was found (convex allocation, monotone cuts over grades, any layout), or none."""
     cost: float | None
     """Cost of the optimum that it is compared with; null without a bound."""
     lower_bound: float | None
@@ -217,6 +217,9 @@ class Certificate:
     """Monte Carlo check of the new design, with a fresh seed."""
     global_bound: GlobalBound | None = None
     """How good any layout could be at these half-widths; null in an answer of an older version."""
+    cheapest: Relaxation | None = None
+    """How cheap any layout could be, with whatever half-widths: a lower bound of the cost over all that was asked for;
+    null in an answer of an older version."""
 
 
 @dataclass(frozen=True, slots=True)

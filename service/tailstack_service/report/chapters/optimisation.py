@@ -337,6 +337,10 @@ def _confidence_sentence(optimisation: Optimisation) -> str:
         least, reached = at_most(bound.lower_bound_mm), number(bound.quantile_mm)
         better += " It is proved of the estimate that at these tolerances no layout of so many fiducials brings what "
         better += f"{bound.requirement} limits below {least} mm at {bound.target}, where it is {reached} mm."
+    if proof.cheapest is not None and (gap := proof.cheapest.gap_percent) is not None:
+        better += " It is proved of the estimate that no layout of so many fiducials can cost less than "
+        better += f"{at_most(proof.cheapest.lower_bound or 0.0, 4)}; this one costs {number(optimisation.cost_after)} "
+        better += f"({percent(gap / 100, 2)} % more)."
     checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %"
     margin = 1 - (optimisation.cost_exact_law or inf) / optimisation.cost_after if optimisation.cost_after else 0.0
     checked += f", a margin that costs {percent(margin, 1)} %." if margin >= DEAR_MARGIN else "."
@@ -354,6 +358,7 @@ def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
         ("Distinct optima", f"{_optima_words(optimisation)} ({shown})"),
         ("Lower bound", proof.relaxation.statement),
         *([("What any layout could reach", proof.global_bound.statement)] if proof.global_bound else ()),
+        *([("How cheap any layout could be", proof.cheapest.statement)] if proof.cheapest else ()),
         ("Ending", proof.stopped),
         ("Check", f"{check.trials:,} fresh trials with seed {check.seed}, to {percent(check.precision_reached, 2)} %"),
         ("Rounds of tightening", str(proof.tightening_rounds)),

@@ -1,0 +1,339 @@
+"""How cheap any layout could be: a lower bound of the cost over every layout and all half-widths, to first order.
+
+Every layout's images leave a covariance of at least L (``global_bound``), and what is known, and what comes through
+the images and is not normal, can be left out: so no half-widths keep a limit that these do not keep with L in the place
+of the images.  What is left is to bound one allocation over its whole box, though it need not be convex.
+
+*Above the chance to be within.*  ``P(|e| <= limit)`` of a sum of independent sources is, times ``h^n`` of each free
+one, a volume under a log-concave function of the deviations and, jointly, of ``h^m`` (m, n = 1, 1: uniform; 1, 2:
+triangular; 2, 1: normal), so by Prekopa (1973) its logarithm is concave in these.  With t = log(h / h0) and D the slope
+of the logarithm by t at h0,
+
+    log P <= log P0 + sum of (D + n) (e^(m t) - 1) / m - n t.
+
+Where all free sources that act are normal it is D t (the (B) theorem: Cordero-Erausquin, Fradelizi, Maurey 2004).
+Fixed sources may have any of these laws.
+
+*Below the cost.*  ``cost(h) - mu log(P / p)`` with prices mu >= 0 of the limits, and P replaced by what is above it, is
+a sum over the half-widths, each made least by itself on a cell of the box: no half-widths in the cell are cheaper,
+however the costs are shaped.  The cell with the least such bound is halved until the bound is near the cheapest
+half-widths that keep the limits with L.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
+from itertools import count
+from math import exp, inf, log
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from ..design import Design
+from ..design.loading import locate_refusals
+from ..geometry.arrays import Array
+from ..results import GlobalBound, Relaxation
+from ..results.digits import at_most
+from ..system import Law
+from ..tail.declared import LinearLaw, law_cdf, law_gradient, law_quantile
+from .global_bound import (
+    SAID,
+    NoBound,
+    certify_layout,
+    columns_with,
+    fit_images,
+    is_bias_moved,
+    law_with,
+    left_out,
+    net_of,
+    sure_quantile,
+    why_none,
+)
+from .grades import choose_grades
+from .prices import Price, cost_of, slope_of, smooth_cost
+from .problem import PlacementProblem, present_choice
+from .request import read_request
+from .terms import DemandTerms, every_terms
+
+NEAR, MOST_CELLS = 0.01, 3000  # of the cost of what keeps the limits with L; cells that are looked into
+COARSE = 1e-3  # of a quantile that only prunes
+FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
+PARTS = 128  # of a cell along each half-width, for its least cost
+SPREAD = 2.0 ** np.linspace(-3, 3, 13)  # prices that are tried, about the one of the slopes, and then between two
+ON_LIMIT, LEAST_CHANCE = 1e-4, 1e-9  # of a cell's diagonal; of a probability
+CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-5  # absolute, of a probability; of the bound, relative
+FORM = {Law.NORMAL: (2, 1), Law.UNIFORM: (1, 1), Law.TRIANGULAR: (1, 2)}  # (m, n)
+
+
+class Allowed(NamedTuple):
+    """A limit with the least that images can add, at any layout."""
+
+    term: DemandTerms
+    images: Array  # (3, 3) mm^2
+    power: Array  # (K,) m of each free half-width; 0: normal among normal, or it does not act
+    order: Array  # (K,) n; 0 where m is
+    acts: NDArray[np.bool_]  # (K,)
+    held: NDArray[np.bool_]  # (K,) which stand at the least of a cell: those that are not normal, beside some that are
+
+
+class Tangent(NamedTuple):
+    """What is above the logarithm of P / p of one limit, for all half-widths."""
+
+    at: Array  # (K,) logarithms of half-widths
+    value: float
+    slope: Array  # (K,) D
+
+
+def bound_any_layout(
+    problem: PlacementProblem, terms: Sequence[DemandTerms], half_width: Array, cost: float, besides: float
+) -> Relaxation | None:
+    """What no layout within what was asked for undercuts, compared with a cost; the reason where that is not known;
+    None where no cost is made least.
+
+    half_width (K,): where L is chosen and the search for the bound begins; besides: what so many fiducials cost.
+    """
+    if problem.objective != "cost" or not problem.half_widths:
+        return None
+    compared = cost if np.isfinite(cost) else None
+    bounded = [term for term in terms if not why_none(problem, term)]
+    try:
+        if not bounded:
+            raise NoBound(why_none(problem, terms[0]))
+        allowed = [_allow(problem, term, half_width) for term in bounded]
+        least = bound_allocation(problem, allowed, half_width)
+    except NoBound as reason:
+        return Relaxation("none", compared, None, None, f"No bound: {reason}.")
+    names = dict.fromkeys(name for term in bounded for name in left_out(problem, term))
+    if is_bias_moved(problem) or any(term.bias_mm.any() for term in bounded):
+        names["the known bias"] = None
+    names |= dict.fromkeys(term.demand.text for term in terms if term not in bounded)
+    rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
+    what = f"no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for, and no half-widths"
+    if least == inf:
+        statement = f"To first order, {what} within their bounds, keep the limits. Proven.{rest}"
+        return Relaxation("any layout", compared, None, None, statement)
+    bound = float(at_most(least + besides, SAID))
+    gap = None if compared is None else 100 * (compared / bound - 1)
+    own = "" if gap is None else f"; this one costs {cost:.5g} ({gap:.2g} % more)"
+    statement = f"To first order, {what} within their bounds, can cost less than {bound:g}{own}. Proven.{rest}"
+    return Relaxation("any layout", compared, bound, gap, statement)
+
+
+def bound_layouts(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation | None]:
+    """What no layout within the ``optimise`` section of a design undercuts, before anything is solved: for each
+    requirement that it asks for at the design's half-widths, and of the cost where that is made least.  Raises
+    DesignError."""
+    with locate_refusals(design):
+        request = read_request(design)
+    problem, section = request.problem, request.section
+    terms, here = every_terms(problem), present_choice(problem)
+    each = tuple(
+        certify_layout(problem, [term for term in terms if term.demand.requirement.name == requirement.name], here)
+        for requirement in problem.requirements
+    )
+    besides = 0.0 if section.count is None else section.count.cost_per_fiducial * len(here.fiducials_mm)
+    cost = problem.price_of(here) + besides
+    return each, bound_any_layout(problem, terms, here.half_width, cost, besides)
+
+
+def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> Allowed:
+    """Raises NoBound."""
+    laws: list[Law | None] = [None] * len(problem.half_widths)
+    for source, gain in zip(term.sources, term.gains.base, strict=True):
+        if source.free is not None and gain.any() and source.law is not Law.BOUNDED:
+            laws[source.free] = source.law
+    acts, normal = (np.array([law in some for law in laws]) for some in (FORM, (Law.NORMAL,)))
+    held = acts & ~normal & normal.any()
+    power, order = np.array([FORM[law] if law and not normal.any() else (0, 0) for law in laws]).T
+    return Allowed(term, fit_images(net_of(problem, term), term, half_width), power, order, acts, held)
+
+
+class Cell(NamedTuple):
+    """Half-widths between two, by their logarithms."""
+
+    least: float  # no half-widths here that keep the limits are cheaper
+    number: int  # cells of one bound in the order in which they were made
+    low: Array  # (K,)
+    high: Array  # (K,)
+    tangents: tuple[Tangent, ...]  # one for each limit; none where all of the cell keeps them
+
+    def halves(self, k: int) -> tuple[tuple[Array, Array], ...]:
+        """Its lower and its upper half along one half-width."""
+        side, middle = np.arange(len(self.low)) == k, (self.low + self.high) / 2
+        return (self.low, np.where(side, middle, self.high)), (np.where(side, middle, self.low), self.high)
+
+
+def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begin: Array) -> float:
+    """What no half-widths that keep the limits undercut; inf where none within their bounds keep them.
+
+    begin (K,): half-widths about which the first tangents touch.  Raises NoBound.
+    """
+
+    def ratio(logs: Array, fine: bool = False) -> float:
+        each = ((_law_at(own, logs), own.term.demand.requirement) for own in allowed)
+        largest = max(sure_quantile(law, asked.quantile, fine) / asked.limit for law, asked in each)
+        return largest if fine else largest / (1 + COARSE)
+
+    low, high = np.log(problem.lower), np.log(problem.upper)
+    if ratio(low, True) > 1:
+        return inf
+    if all(free.price.curve == "grades" for free in problem.half_widths):
+        bought = choose_grades([free.price for free in problem.half_widths], lambda width: ratio(np.log(width), True))
+        return bought.bound.lower_bound or 0.0
+    if ratio(high) <= 1:
+        return problem.cost(problem.upper)
+    acts, held = (np.any([getattr(each, name) for each in allowed], axis=0) for name in ("acts", "held"))
+    low, best, near, made = np.where(acts, low, high), inf, np.log(begin), count()
+    for _ in range(FIRST):
+        touch = _on_limit(ratio, low, high, near)
+        best = min(best, problem.cost(np.exp(touch)))
+        near = _balance(problem, [_touch(each, touch) for each in allowed])
+
+    def look(low: Array, high: Array, above: Cell | None = None) -> Cell | None:
+        """A cell, or nothing where none keep the limits for less than the best that is known."""
+        nonlocal best, near
+        low = _raise_low(problem, low, high, best * (1 - NEAR))
+        if (low > high).any() or ratio(low) > 1:
+            return None
+        least, tangents = problem.cost(np.exp(high)), tuple[Tangent, ...]()
+        if ratio(reach := np.where(held, low, high)) > 1:
+            touch = _on_limit(ratio, low, reach, near)
+            if (cost := problem.cost(np.exp(touch))) < best:
+                best, near = cost, touch
+            tangents = tuple(_touch(each, touch) for each in allowed)
+            least = max(least, _least_cost(problem, allowed, tangents, low, high))
+        if above is not None:
+            least = max(least, above.least)
+            if above.tangents:
+                least = max(least, _least_cost(problem, allowed, above.tangents, low, high))
+        return Cell(least, next(made), low, high, tangents)
+
+    cells = [cell for cell in (look(low, high),) if cell]
+    while cells and cells[0].least < best * (1 - NEAR) and next(made) < MOST_CELLS:
+        cell = heappop(cells)
+        wide = cell.high - cell.low
+        bends = [(own.slope + each.order) * each.power for each, own in zip(allowed, cell.tangents, strict=False)]
+        weight = _pull(problem, near) * wide if held.any() else np.max([*bends, 0 * wide], axis=0) * wide**2
+        k = int((np.where(held, weight, 0) if held.any() else weight if weight.any() else wide).argmax())
+        for half in cell.halves(k):
+            if (found := look(*half, cell)) is not None:
+                heappush(cells, found)
+    return min((best * (1 - NEAR), *(cell.least for cell in cells))) * (1 - SLOPE_ERROR)
+
+
+def _raise_low(problem: PlacementProblem, low: Array, high: Array, most: float) -> Array:
+    """(K,) logarithms below which no half-width of a cell can be where all of them cost no more than ``most``."""
+    least = np.array([float(_cost(free.price, x[None])[0]) for free, x in zip(problem.half_widths, high, strict=True)])
+    room, found = most - (least.sum() - least), low.copy()
+    for k, free in enumerate(problem.half_widths):
+        if free.price.curve == "power" and room[k] > 0:
+            found[k] = max(low[k], log(free.price.weight / room[k]) / free.price.exponent)
+        elif room[k] < least[k]:
+            found[k] = inf
+    return found
+
+
+def _law_at(each: Allowed, logs: Array) -> LinearLaw:
+    return law_with(each.term, np.exp(logs), each.images)
+
+
+def _on_limit(ratio: Callable[[Array], float], low: Array, high: Array, near: Array) -> Array:
+    """(K,) logarithms in a cell that keep the limits just so, reached from those that are near along its diagonal."""
+    near = np.clip(near, low, high)
+
+    def along(s: float) -> Array:
+        return np.clip(near + s * (high - low), low, high)
+
+    on = brentq(lambda s: ratio(along(s)) - 1, -1.0, 1.0, xtol=ON_LIMIT)
+    return next(at for at in (along(on - step * ON_LIMIT) for step in (0, 1, 2, 4, 1 / ON_LIMIT)) if ratio(at) <= 1)
+
+
+def _balance(problem: PlacementProblem, tangents: Sequence[Tangent]) -> Array:
+    """(K,) logarithms at which every half-width saves about as much for what it takes of the chance to be within: a
+    variance goes as the square of a half-width, and most prices as its inverse."""
+    at, taken = tangents[0].at, -np.min([tangent.slope for tangent in tangents], axis=0)
+    acts = taken > 0
+    more = np.log(_pull(problem, at)[acts] / taken[acts]) / 3
+    found = at.copy()
+    found[acts] += more - more.mean()
+    return found
+
+
+def _pull(problem: PlacementProblem, logs: Array) -> Array:
+    """(K,) what a relative change of each half-width saves."""
+    return np.array([-slope_of(free.price, exp(x)) * exp(x) for free, x in zip(problem.half_widths, logs, strict=True)])
+
+
+def _touch(each: Allowed, logs: Array) -> Tangent:
+    """The bound that touches at half-widths on the limit."""
+    law, asked = _law_at(each, logs), each.term.demand.requirement
+    chance = law_cdf(law, asked.limit)
+    found = law_quantile(law, min(max(chance, LEAST_CHANCE), 1 - LEAST_CHANCE))
+    by, columns = law_gradient(law, found), columns_with(each.term, np.exp(logs))
+    place, slope = np.cumsum(columns.wide) - 1, np.zeros(len(logs))
+    for j, source in enumerate(each.term.sources):
+        if source.free is not None and source.law is not Law.BOUNDED:
+            column = columns.gain[:, j] * columns.std[j]
+            grown = by.by_log_column[place[j]] if columns.wide[j] else 2 * column @ by.by_covariance @ column
+            slope[source.free] -= grown * found.density / chance
+    return Tangent(
+        logs, log((chance + CDF_ERROR) / asked.quantile), np.clip(slope, -each.order - 1.0 * (each.power == 0), 0)
+    )
+
+
+def _least_cost(
+    problem: PlacementProblem, allowed: Sequence[Allowed], tangents: Sequence[Tangent], low: Array, high: Array
+) -> float:
+    """What no half-widths in a cell that keep the limits undercut.
+
+    In each part of a cell a price is above its value at the end, and that of a power law above its tangent; what the
+    limits charge is concave, and so least at an end.
+    """
+    edges = np.linspace(low, high, PARTS + 1, axis=1)
+    middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, (high - low)[:, None] / PARTS / 2
+    at_end = np.array([_cost(free.price, own) for free, own in zip(problem.half_widths, edges[:, 1:], strict=True)])
+    starts, ends = at_end.copy(), at_end.copy()
+    pull = _pull(problem, tangents[0].at).sum()
+    for k, free in enumerate(problem.half_widths):
+        price = free.price
+        if price.curve == "power":
+            value = _cost(price, middle[k])
+            starts[k], ends[k] = value * (1 + price.exponent * step[k]), value * (1 - price.exponent * step[k])
+    charges = np.stack([_charge(each, tangent, edges) for each, tangent in zip(allowed, tangents, strict=True)])
+    values = np.array([tangent.value for tangent in tangents])
+
+    def dual(multipliers: Array) -> Array:
+        """(C,) the bounds of multipliers (C, T)."""
+        charge = np.einsum("ct,tke->cke", multipliers, charges)
+        parts = np.maximum(
+            np.minimum(starts + charge[:, :, :-1], ends + charge[:, :, 1:]),
+            at_end + np.minimum(charge[:, :, :-1], charge[:, :, 1:]),
+        )
+        return np.asarray(parts.min(axis=2).sum(axis=1) - multipliers @ values)
+
+    best = np.zeros(len(allowed))
+    for _ in range(1 if len(allowed) == 1 else 2):
+        for t, tangent in enumerate(tangents):
+            scale = pull / max(-tangent.slope.sum(), LEAST_CHANCE)
+            for finer in (1.0, 1 / 6, 1 / 36):
+                tried = np.repeat(best[None], len(SPREAD) + 1, axis=0)
+                tried[1:, t] = (best[t] or scale) * SPREAD**finer
+                best = tried[int(dual(tried).argmax())]
+    return float(dual(best[None])[0])
+
+
+def _cost(price: Price, logs: Array) -> Array:
+    """Of half-widths by their logarithms."""
+    if price.curve == "grades":
+        return np.array([cost_of(price, exp(x)) for x in logs])
+    return np.asarray(smooth_cost(price, logs, np.exp))
+
+
+def _charge(each: Allowed, tangent: Tangent, edges: Array) -> Array:
+    """(K, E): what stands above the logarithm of the chance, negative, of each half-width by itself."""
+    t, slope, power = edges - tangent.at[:, None], tangent.slope[:, None], each.power[:, None]
+    above = (slope + each.order[:, None]) * np.expm1(power * t) / np.maximum(power, 1) - each.order[:, None] * t
+    return -np.where(power > 0, above, np.where(each.held[:, None], 0.0, slope * t))

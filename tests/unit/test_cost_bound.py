@@ -1,0 +1,154 @@
+"""What no layout and no half-widths undercut in cost, held against half-widths and layouts that keep the limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from optimise_scenes import BOX_MM, oracle_problem, pivot_in
+from plain_data import DEMO
+from tailstack import load_design, optimise
+from tailstack.geometry.arrays import Array
+from tailstack.optimisation import PlacementProblem, cost_bound
+from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout
+from tailstack.optimisation.exact_law import evaluate_demand
+from tailstack.optimisation.global_bound import law_with
+from tailstack.optimisation.prices import Price, PricedGrade, of_grades, reciprocal
+from tailstack.optimisation.problem import FreeHalfWidth, mount_named, present_choice
+from tailstack.optimisation.terms import every_terms
+from tailstack.system import Law
+from tailstack.tail.declared import law_cdf, law_quantile
+
+ROTATIONS = (("structure_connector", "rx"), ("structure_connector", "ry"), ("connector_flange", "rx"))
+MIXED = [
+    (Law.NORMAL, Law.NORMAL),
+    (Law.UNIFORM, Law.UNIFORM),
+    (Law.TRIANGULAR, Law.TRIANGULAR),
+    (Law.UNIFORM, Law.NORMAL),
+]
+
+
+def priced(laws: tuple[Law, Law], limit_mm: float = 0.8, price: Price | None = None) -> PlacementProblem:
+    """Three free rotations at two mounts of these laws, everything else as it is."""
+    free = tuple(
+        FreeHalfWidth(mount, name, np.deg2rad(0.01), np.deg2rad(0.5), price or reciprocal())
+        for mount, name in ROTATIONS
+    )
+    problem = oracle_problem(8, limit_mm, half_widths=free)
+    mounts = [mount_named(problem.system, name) for name in ("structure_connector", "connector_flange")]
+    first, second = (
+        replace(mount, sources=replace(mount.sources, laws=(law,) * len(mount.sources.laws)))
+        for mount, law in zip(mounts, laws, strict=True)
+    )
+    return replace(problem, system=replace(problem.system, structure_connector=first, connector_flange=second))
+
+
+def allowed_of(problem: PlacementProblem) -> Allowed:
+    return cost_bound._allow(problem, every_terms(problem)[0], present_choice(problem).half_width)
+
+
+def ratio_of(allowed: Allowed, width: Array) -> float:
+    asked = allowed.term.demand.requirement
+    law = law_with(allowed.term, width, allowed.images)
+    return law_quantile(law, asked.quantile).quantile_mm / asked.limit
+
+
+@pytest.mark.parametrize("laws", MIXED)
+def test_a_tangent_is_above_the_chance_everywhere(laws: tuple[Law, Law]) -> None:
+    """independent: the chance by the law itself at 40 half-widths of the box; never wrong of what is above."""
+    problem, rng = priced(laws), np.random.default_rng(0)
+    allowed = allowed_of(problem)
+    asked, low, high = allowed.term.demand.requirement, np.log(problem.lower), np.log(problem.upper)
+    touch = np.log(np.deg2rad([0.13, 0.1, 0.12]))
+    tangent = cost_bound._touch(allowed, touch)
+    for _ in range(40):
+        logs = rng.uniform(low, high)
+        logs = np.maximum(logs, np.where(allowed.held, touch, low))  # those that are held stand at their least
+        chance = law_cdf(law_with(allowed.term, np.exp(logs), allowed.images), asked.limit)
+        above = tangent.value - float(cost_bound._charge(allowed, tangent, logs[:, None]).sum())
+        assert np.log(max(chance, 1e-300) / asked.quantile) <= above + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("laws", "price"),
+    [
+        *((laws, reciprocal()) for laws in MIXED),
+        (MIXED[0], Price("exponential", 100.0, scale=2e-3)),
+        (MIXED[3], Price("power", 1e-3, 2.0)),
+    ],
+)
+def test_no_half_widths_are_cheaper_and_the_cheapest_are_near(laws: tuple[Law, Law], price: Price) -> None:
+    """oracle: a local search (SLSQP) of the half-widths that keep the limit."""
+    problem = priced(laws, price=price)
+    allowed = allowed_of(problem)
+    bound = bound_allocation(problem, [allowed], present_choice(problem).half_width)
+    found = minimize(
+        lambda logs: np.log(problem.cost(np.exp(logs))),
+        np.log(np.deg2rad([0.06, 0.06, 0.06])),
+        bounds=np.log([problem.lower, problem.upper]).T,
+        constraints={"type": "ineq", "fun": lambda logs: 1 - ratio_of(allowed, np.exp(logs))},
+        method="SLSQP",
+    )
+    assert ratio_of(allowed, np.exp(found.x)) <= 1 + 1e-5
+    assert 0.98 * np.exp(found.fun) <= bound <= np.exp(found.fun) * (1 + 1e-5)
+
+
+def test_grades_are_enumerated_and_a_limit_out_of_reach_is_said() -> None:
+    """oracle: all 27 choices of three grades."""
+    table = ((0.05, 9), (0.1, 4), (0.2, 1))
+    grades = of_grades(tuple(PricedGrade(str(size), np.deg2rad(size), price) for size, price in table))
+    problem = priced((Law.UNIFORM, Law.NORMAL), price=grades)
+    allowed, begin = allowed_of(problem), present_choice(problem).half_width
+    every = [np.array(each) for each in product(*[[grade.half_width for grade in grades.grades]] * 3)]
+    least = min(problem.cost(width) for width in every if ratio_of(allowed, width) <= 1)
+    assert bound_allocation(problem, [allowed], begin) == pytest.approx(least)
+    none = bound_any_layout(priced(MIXED[0], 0.01), every_terms(priced(MIXED[0], 0.01)), begin, 5.0, 0.0)
+    assert none is not None
+    assert none.lower_bound is None
+    assert "keep the limits. Proven." in none.statement
+
+
+@pytest.mark.parametrize("laws", MIXED)
+def test_no_layout_with_half_widths_that_keep_the_limit_is_cheaper(laws: tuple[Law, Law]) -> None:
+    """independent: the score's own quantile at random layouts and half-widths, shrunk until the limit is kept."""
+    problem, rng = priced(laws), np.random.default_rng(3)
+    terms, here = every_terms(problem), present_choice(problem)
+    told = bound_any_layout(problem, terms, here.half_width, np.inf, 7.0)
+    assert told is not None
+    assert told.lower_bound is not None
+    assert told.gap_percent is None
+    kept = 0
+    for _ in range(6):
+        layout = rng.uniform(*BOX_MM, here.fiducials_mm.shape)
+        choice = replace(here, fiducials_mm=layout, half_width=np.exp(rng.uniform(-7, -6, 3)))
+        for _ in range(30):
+            if evaluate_demand(problem, terms[0], choice).exact_mm <= problem.requirements[0].limit:
+                assert told.lower_bound <= problem.cost(choice.half_width) + 7.0
+                kept += 1
+                break
+            choice = replace(choice, half_width=np.maximum(choice.half_width * 0.9, problem.lower))
+    assert kept > 2
+
+
+def test_withheld_with_the_reason() -> None:
+    problem = priced(MIXED[0])
+    free = replace(problem, pivots=(pivot_in("structure_connector", (0, 0, -100), (0, 0, -90)),))
+    told = bound_any_layout(free, every_terms(free), present_choice(free).half_width, 5.0, 0.0)
+    assert told is not None
+    assert told.lower_bound is None
+    assert "No bound: pivots are free" in told.statement
+    scaled = replace(problem, objective="scaling")
+    assert bound_any_layout(scaled, every_terms(scaled), present_choice(scaled).half_width, 5.0, 0.0) is None
+
+
+@pytest.mark.long
+def test_the_demo_is_near_the_cheapest_of_all() -> None:
+    """oracle: the optimiser as the adversary."""
+    told = optimise(load_design(DEMO)).certificate.cheapest
+    assert told is not None
+    assert told.gap_percent is not None
+    assert 0 <= told.gap_percent < 3
