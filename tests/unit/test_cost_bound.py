@@ -123,7 +123,7 @@ def test_no_layout_with_half_widths_that_keep_the_limit_is_cheaper(laws: tuple[L
     assert told.gap_percent is None
     kept = 0
     for _ in range(6):
-        layout = rng.uniform(*BOX_MM, here.fiducials_mm.shape)
+        layout = rng.uniform(BOX_MM[0], BOX_MM[1], here.fiducials_mm.shape)
         choice = replace(here, fiducials_mm=layout, half_width=np.exp(rng.uniform(-7, -6, 3)))
         for _ in range(30):
             if evaluate_demand(problem, terms[0], choice).exact_mm <= problem.requirements[0].limit:
