@@ -83,8 +83,11 @@ def test_validate_says_what_no_layout_undercuts(call: Any) -> None:
     code, out, err = call("validate", "--bound", DEMO)
     assert (code, err) == (0, "")
     assert "bound: tip-accuracy: To first order, no layout of 12 fiducials" in out
-    (bound,) = json.loads(call("validate", "--bound", "--json", DEMO)[1])["bounds"]
+    assert "bound: cost: To first order, no layout of 12 fiducials" in out
+    told = json.loads(call("validate", "--bound", "--json", DEMO)[1])
+    (bound,), cheapest = told["bounds"], told["cheapest"]
     assert bound["tightest_bound_mm"] < bound["limit"] < bound["lower_bound_mm"] < bound["quantile_mm"]
+    assert 1500 < cheapest["lower_bound"] < cheapest["cost"]
     code, out, err = call("validate", "--bound", str(EXAMPLES / "forearm_shell.yaml"))
     assert code == 2
     assert "no optimise section" in err

@@ -120,8 +120,8 @@ def test_the_options_reach_the_optimiser(call: Any) -> None:
         seen.update(options, name=design.name)
         return RESULT
 
-    assert call(optimise, "--seed", "5", "--starts", "3")[0] == 0
-    assert (seen["seed"], seen["starts"], seen["name"]) == (5, 3, NEW_DESIGN["name"])
+    assert call(optimise, "--seed", "5", "--starts", "3", "--gap", "1%")[0] == 0
+    assert (seen["seed"], seen["starts"], seen["gap"], seen["name"]) == (5, 3, 0.01, NEW_DESIGN["name"])
 
 
 # --- files -------------------------------------------------------------------------------------------------

@@ -259,14 +259,17 @@ def test_an_optimised_design_has_its_parts_in_order() -> None:
         "scaling: ", "1.375",
         "moving: moving F1 alone", "fiducial,", "pivot", "tolerance ",
         "what keeps it from being better: P95 at target 'tip'; carrier", "trade-off: 0.1 mm of limit", "fiducials  ",
-        "front: ", "Starts: ", "Lower bound: no allocation", "Ending: all 8 starts were solved",
-        "Check: 1,048,576", "not included: ", "note: [floor] moving fiducials", "warning: [far-target]",
+        "front: ", "Starts: ", "Lower bound: no allocation", "How cheap any layout could be: No",
+        "Ending: all 8 starts were solved", "Check: 1,048,576", "not included: ",
+        "note: [floor] moving fiducials", "warning: [far-target]",
     )  # fmt: skip
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
     assert text.endswith("\n\nverdict: pass (Monte Carlo)\n")
     assert max(map(columns, text.splitlines())) <= 120
-    assert max(map(columns, OPERATIONS["optimisation"].write(full_result()).splitlines())) <= WIDTH
+    plain = OPERATIONS["optimisation"].write(full_result())
+    assert max(map(columns, plain.splitlines())) <= WIDTH
+    assert "can cost less than 1103; this one costs 1120 (1.50 % more)." in " ".join(plain.split())
 
 
 def test_before_and_after() -> None:

@@ -117,12 +117,13 @@ def test_a_check_that_goes_on_asks_ahead_for_what_it_will_need() -> None:
             ),
             "starts": 5,
             "seed": 3,
+            "gap": 0.3,
         },
     ],
-    ids=["placement", "budgets", "moves that cost"],
+    ids=["placement", "budgets", "moves that cost, near enough"],
 )
 def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[str, Any]) -> None:
-    options = {"seed": request_["seed"], "starts": request_["starts"]}
+    options = {name: request_.get(name) for name in ("seed", "starts", "gap")}
     outcome, recorded = run_job("optimisation", request_, shuffle=3, twice="box" not in request_["design"]["optimise"])
     assert outcome.answer == to_json(optimise(load_design(request_["design"]), threads=2, **options))
     assert len(recorded) == (2 if "box" in request_["design"]["optimise"] else 0)

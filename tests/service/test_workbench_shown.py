@@ -86,6 +86,7 @@ def test_a_verification_speaks_in_the_strip_while_the_design_is_the_verified_one
 def test_an_optimum_that_is_taken_ends_with_the_verdict_of_its_verification(service: Served) -> None:
     found = shown(service, "optimum")
     assert (found["basis"], found["badge"].split("\n")[0]) == ("simulation", "Pass")
+    assert any(re.search(r"bounds, can cost less than [\d.]+; this one costs", note) for note in found["notes"])
 
 
 @pytest.mark.long

@@ -14,11 +14,12 @@ from plain_data import DEMO
 from tailstack import load_design, optimise
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem, cost_bound
-from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout
+from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import law_with
 from tailstack.optimisation.prices import Price, PricedGrade, of_grades, reciprocal
 from tailstack.optimisation.problem import FreeHalfWidth, mount_named, present_choice
+from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import every_terms
 from tailstack.system import Law
 from tailstack.tail.declared import law_cdf, law_quantile
@@ -71,6 +72,20 @@ def test_a_tangent_is_above_the_chance_everywhere(laws: tuple[Law, Law]) -> None
         chance = law_cdf(law_with(allowed.term, np.exp(logs), allowed.images), asked.limit)
         above = tangent.value - float(cost_bound._charge(allowed, tangent, logs[:, None]).sum())
         assert np.log(max(chance, 1e-300) / asked.quantile) <= above + 1e-6
+
+
+@pytest.mark.parametrize("laws", MIXED)
+def test_a_slope_is_known_to_what_is_allowed_for(laws: tuple[Law, Law]) -> None:
+    """independent: by differences of the chance over five points."""
+    allowed, touch, step = allowed_of(priced(laws)), np.log(np.deg2rad([0.13, 0.1, 0.12])), 0.02
+    tangent = cost_bound._touch(allowed, touch)
+
+    def chance(logs: Array) -> float:
+        return np.log(law_cdf(law_with(allowed.term, np.exp(logs), allowed.images), 0.8))
+
+    for side, slope in zip(step * np.eye(3), tangent.slope, strict=True):
+        near, far = ((chance(touch + k * side) - chance(touch - k * side)) / (2 * k * step) for k in (1, 2))
+        assert slope == pytest.approx((4 * near - far) / 3, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -143,6 +158,23 @@ def test_withheld_with_the_reason() -> None:
     assert "No bound: pivots are free" in told.statement
     scaled = replace(problem, objective="scaling")
     assert bound_any_layout(scaled, every_terms(scaled), present_choice(scaled).half_width, 5.0, 0.0) is None
+
+
+def test_a_search_ends_when_it_is_near_enough() -> None:
+    """closed_form: at half as much again as the bound the first start will do, and at no more than the bound none."""
+    problem = priced(MIXED[0])
+    told = bound_any_layout(problem, every_terms(problem), present_choice(problem).half_width, np.inf, 0.0)
+    assert told is not None
+    assert told.lower_bound is not None
+    assert enough_for(problem, 0.5) == pytest.approx(1.5 * told.lower_bound)
+    found = search(problem, starts=3, enough=enough_for(problem, 0.5))
+    assert found.stopped == "near enough to what no layout undercuts after 1 of 3 starts"
+    assert found.converged == 1
+    assert told.lower_bound <= found.best_objective <= 1.5 * told.lower_bound
+    assert search(problem, starts=2, enough=told.lower_bound).stopped == "all 2 starts were solved"
+    least = replace(problem, objective="quantile", half_widths=())
+    assert 0 < enough_for(least, 0.01) < search(least, starts=2).best_objective * 1.01
+    assert enough_for(problem, None) == enough_for(replace(problem, objective="scaling"), 0.01) == -np.inf
 
 
 @pytest.mark.long

@@ -50,6 +50,11 @@ class OptimisationOptions(Options):
     starts: Annotated[Count | None, Flag("starting layouts (default: the design's)")] = Field(
         None, description="Number of starts; absent: optimise/starts of the design."
     )
+    gap: Annotated[Annotated[float, Field(gt=0, lt=1)] | None, Flag(metavar="GAP")] = Field(
+        None,
+        description="No more starts once the best is that near, relative, to what no layout undercuts; absent: all.",
+        examples=[0.01],
+    )
 
 
 def _optimise(call: Call) -> Optimisation:
@@ -57,7 +62,12 @@ def _optimise(call: Call) -> Optimisation:
 
     progress = None if call.progress is None else _share(call.progress)
     return optimise(
-        call.design, seed=call.options.seed, starts=call.options.starts, progress=progress, threads=call.threads
+        call.design,
+        seed=call.options.seed,
+        starts=call.options.starts,
+        gap=call.options.gap,
+        progress=progress,
+        threads=call.threads,
     )
 
 
@@ -173,6 +183,7 @@ def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -
                 design,
                 seed=options.seed,
                 starts=options.starts,
+                gap=options.gap,
                 progress=reporter(progress, wanted.goal),
                 stop=stop.ask,
             )

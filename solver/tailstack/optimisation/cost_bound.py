@@ -38,7 +38,7 @@ from ..geometry.arrays import Array
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most
 from ..system import Law
-from ..tail.declared import LinearLaw, law_cdf, law_gradient, law_quantile
+from ..tail.declared import LinearLaw, evaluation_of
 from .global_bound import (
     SAID,
     NoBound,
@@ -58,13 +58,14 @@ from .problem import PlacementProblem, present_choice
 from .request import read_request
 from .terms import DemandTerms, every_terms
 
-NEAR, MOST_CELLS = 0.01, 3000  # of the cost of what keeps the limits with L; cells that are looked into
+NEAR, MOST_CELLS = 0.01, 500  # of the cost of what keeps the limits with L; cells that are looked into
 COARSE = 1e-3  # of a quantile that only prunes
 FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
-PARTS = 128  # of a cell along each half-width, for its least cost
-SPREAD = 2.0 ** np.linspace(-3, 3, 13)  # prices that are tried, about the one of the slopes, and then between two
-ON_LIMIT, LEAST_CHANCE = 1e-4, 1e-9  # of a cell's diagonal; of a probability
-CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-5  # absolute, of a probability; of the bound, relative
+PARTS = 48  # of a cell along each half-width, for its least cost
+SPREAD = 2.0 ** np.linspace(-2, 2, 9)  # prices that are tried, about the one of the slopes, and then between two
+ON_LIMIT, LEAST_CHANCE = 2e-3, 1e-9  # of a cell's diagonal; of a probability
+CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-6  # absolute, of a probability, and of a slope of its logarithm
+ROUNDING = 1e-9  # relative, of the bound
 FORM = {Law.NORMAL: (2, 1), Law.UNIFORM: (1, 1), Law.TRIANGULAR: (1, 2)}  # (m, n)
 
 
@@ -72,11 +73,20 @@ class Allowed(NamedTuple):
     """A limit with the least that images can add, at any layout."""
 
     term: DemandTerms
+    level: float  # of the quantile that keeps it
     images: Array  # (3, 3) mm^2
     power: Array  # (K,) m of each free half-width; 0: normal among normal, or it does not act
     order: Array  # (K,) n; 0 where m is
     acts: NDArray[np.bool_]  # (K,)
     held: NDArray[np.bool_]  # (K,) which stand at the least of a cell: those that are not normal, beside some that are
+
+    @property
+    def limit_mm(self) -> float:
+        return self.term.demand.requirement.limit
+
+    def slope_within(self, slope: Array) -> Array:
+        """(K,) slopes of the logarithm brought to where they can be: it falls, and ``h^n`` times the chance rises."""
+        return np.clip(slope, np.where(self.power > 0, -self.order, -1.0), 0.0)
 
 
 class Tangent(NamedTuple):
@@ -98,10 +108,10 @@ def bound_any_layout(
     if problem.objective != "cost" or not problem.half_widths:
         return None
     compared = cost if np.isfinite(cost) else None
-    bounded = [term for term in terms if not why_none(problem, term)]
+    bounded = [term for term in terms if not why_none(problem, term) and _level_of(term)]
     try:
         if not bounded:
-            raise NoBound(why_none(problem, terms[0]))
+            raise NoBound(why_none(problem, terms[0]) or "the mean of an error is limited, and no quantile of it")
         allowed = [_allow(problem, term, half_width) for term in bounded]
         least = bound_allocation(problem, allowed, half_width)
     except NoBound as reason:
@@ -111,7 +121,8 @@ def bound_any_layout(
         names["the known bias"] = None
     names |= dict.fromkeys(term.demand.text for term in terms if term not in bounded)
     rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
-    what = f"no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for, and no half-widths"
+    what = f"no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for, at these pivots "
+    what += "and views, and no half-widths"
     if least == inf:
         statement = f"To first order, {what} within their bounds, keep the limits. Proven.{rest}"
         return Relaxation("any layout", compared, None, None, statement)
@@ -139,6 +150,29 @@ def bound_layouts(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation |
     return each, bound_any_layout(problem, terms, here.half_width, cost, besides)
 
 
+def enough_for(problem: PlacementProblem, gap: float | None) -> float:
+    """An objective, as people read it, that is within a gap (0.01: 1 %) of what no layout undercuts; -inf where none is
+    asked for, or no bound is known."""
+    least = None
+    if gap is not None:
+        terms, here = every_terms(problem), present_choice(problem)
+        if problem.objective == "quantile":
+            told = certify_layout(problem, terms, here)
+            least_mm = told.tightest_bound_mm if problem.half_widths else told.lower_bound_mm
+            least = None if least_mm is None else least_mm / told.limit
+        elif (known := bound_any_layout(problem, terms, here.half_width, inf, 0.0)) is not None:
+            least = known.lower_bound
+    return -inf if gap is None or least is None else least * (1 + gap)
+
+
+def _level_of(term: DemandTerms) -> float:
+    """The quantile of the pooled law that keeps a limit where what is limited does; 0: none is known to."""
+    requirement = term.demand.requirement
+    if not (requirement.row.by_quantile or requirement.row.implies):
+        return 0.0
+    return requirement.quantile * (term.demand.fraction if term.demand.nested else 1.0)
+
+
 def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> Allowed:
     """Raises NoBound."""
     laws: list[Law | None] = [None] * len(problem.half_widths)
@@ -148,7 +182,7 @@ def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> A
     acts, normal = (np.array([law in some for law in laws]) for some in (FORM, (Law.NORMAL,)))
     held = acts & ~normal & normal.any()
     power, order = np.array([FORM[law] if law and not normal.any() else (0, 0) for law in laws]).T
-    return Allowed(term, fit_images(net_of(problem, term), term, half_width), power, order, acts, held)
+    return Allowed(term, _level_of(term), fit_images(net_of(problem, term), term, half_width), power, order, acts, held)
 
 
 class Cell(NamedTuple):
@@ -173,8 +207,8 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     """
 
     def ratio(logs: Array, fine: bool = False) -> float:
-        each = ((_law_at(own, logs), own.term.demand.requirement) for own in allowed)
-        largest = max(sure_quantile(law, asked.quantile, fine) / asked.limit for law, asked in each)
+        each = ((_law_at(own, logs), own.level, own.limit_mm) for own in allowed)
+        largest = max(sure_quantile(law, level, fine) / limit for law, level, limit in each)
         return largest if fine else largest / (1 + COARSE)
 
     low, high = np.log(problem.lower), np.log(problem.upper)
@@ -196,19 +230,21 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         """A cell, or nothing where none keep the limits for less than the best that is known."""
         nonlocal best, near
         low = _raise_low(problem, low, high, best * (1 - NEAR))
-        if (low > high).any() or ratio(low) > 1:
+        if (low > high).any():
             return None
         least, tangents = problem.cost(np.exp(high)), tuple[Tangent, ...]()
-        if ratio(reach := np.where(held, low, high)) > 1:
+        if above is not None:
+            least, tangents = max(least, above.least), above.tangents
+            least = max(least, _least_cost(problem, allowed, tangents, low, high)) if tangents else least
+        touched = bool(tangents) and held.any() and np.array_equal(tangents[0].at[held], low[held])
+        if least >= best * (1 - NEAR) or (not touched and ratio(low) > 1):
+            return None
+        if not touched and ratio(reach := np.where(held, low, high)) > 1:
             touch = _on_limit(ratio, low, reach, near)
             if (cost := problem.cost(np.exp(touch))) < best:
                 best, near = cost, touch
             tangents = tuple(_touch(each, touch) for each in allowed)
             least = max(least, _least_cost(problem, allowed, tangents, low, high))
-        if above is not None:
-            least = max(least, above.least)
-            if above.tangents:
-                least = max(least, _least_cost(problem, allowed, above.tangents, low, high))
         return Cell(least, next(made), low, high, tangents)
 
     cells = [cell for cell in (look(low, high),) if cell]
@@ -221,7 +257,7 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         for half in cell.halves(k):
             if (found := look(*half, cell)) is not None:
                 heappush(cells, found)
-    return min((best * (1 - NEAR), *(cell.least for cell in cells))) * (1 - SLOPE_ERROR)
+    return min((best * (1 - NEAR), *(cell.least for cell in cells))) * (1 - ROUNDING)
 
 
 def _raise_low(problem: PlacementProblem, low: Array, high: Array, most: float) -> Array:
@@ -269,19 +305,17 @@ def _pull(problem: PlacementProblem, logs: Array) -> Array:
 
 def _touch(each: Allowed, logs: Array) -> Tangent:
     """The bound that touches at half-widths on the limit."""
-    law, asked = _law_at(each, logs), each.term.demand.requirement
-    chance = law_cdf(law, asked.limit)
-    found = law_quantile(law, min(max(chance, LEAST_CHANCE), 1 - LEAST_CHANCE))
-    by, columns = law_gradient(law, found), columns_with(each.term, np.exp(logs))
+    law = evaluation_of(_law_at(each, logs), 0.5)
+    chance = law.probability(each.limit_mm)
+    found = law.quantile(min(max(chance, LEAST_CHANCE), 1 - LEAST_CHANCE))
+    by, columns = law.gradient([(found, 1.0)]), columns_with(each.term, np.exp(logs))
     place, slope = np.cumsum(columns.wide) - 1, np.zeros(len(logs))
     for j, source in enumerate(each.term.sources):
         if source.free is not None and source.law is not Law.BOUNDED:
             column = columns.gain[:, j] * columns.std[j]
             grown = by.by_log_column[place[j]] if columns.wide[j] else 2 * column @ by.by_covariance @ column
             slope[source.free] -= grown * found.density / chance
-    return Tangent(
-        logs, log((chance + CDF_ERROR) / asked.quantile), np.clip(slope, -each.order - 1.0 * (each.power == 0), 0)
-    )
+    return Tangent(logs, log((chance + CDF_ERROR) / each.level), each.slope_within(slope))
 
 
 def _least_cost(
@@ -318,7 +352,7 @@ def _least_cost(
     for _ in range(1 if len(allowed) == 1 else 2):
         for t, tangent in enumerate(tangents):
             scale = pull / max(-tangent.slope.sum(), LEAST_CHANCE)
-            for finer in (1.0, 1 / 6, 1 / 36):
+            for finer in (1.0, 1 / 4, 1 / 16):
                 tried = np.repeat(best[None], len(SPREAD) + 1, axis=0)
                 tried[1:, t] = (best[t] or scale) * SPREAD**finer
                 best = tried[int(dual(tried).argmax())]
@@ -334,6 +368,8 @@ def _cost(price: Price, logs: Array) -> Array:
 
 def _charge(each: Allowed, tangent: Tangent, edges: Array) -> Array:
     """(K, E): what stands above the logarithm of the chance, negative, of each half-width by itself."""
-    t, slope, power = edges - tangent.at[:, None], tangent.slope[:, None], each.power[:, None]
-    above = (slope + each.order[:, None]) * np.expm1(power * t) / np.maximum(power, 1) - each.order[:, None] * t
-    return -np.where(power > 0, above, np.where(each.held[:, None], 0.0, slope * t))
+    t, power, order = edges - tangent.at[:, None], each.power[:, None], each.order[:, None]
+    rising = np.where(power > 0, np.expm1(power * t) / np.maximum(power, 1), t)
+    ends = [each.slope_within(tangent.slope + error)[:, None] for error in (-SLOPE_ERROR, SLOPE_ERROR)]
+    above = np.maximum(*((slope + order) * rising - order * t for slope in ends))
+    return -np.where(each.held[:, None], 0.0, above)

@@ -34,6 +34,7 @@ from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
 from .alternatives import trace_front
+from .cost_bound import enough_for
 from .moves import value_moves
 from .offer import weigh_offer
 from .placement import settle
@@ -53,6 +54,7 @@ def optimise(
     *,
     seed: int | None = None,
     starts: int | None = None,
+    gap: float | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     stop: Stop | None = None,
@@ -60,6 +62,7 @@ def optimise(
     """Move what is free in a design to what its ``optimise`` section asks for, under the design's own limits.
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
+    With a ``gap`` (0.01: 1 %) no more starts are solved once the best is that near to what no layout undercuts.
     ``progress(stage, done, total, least objective so far)`` is called after every aim of views, layout to start from,
     programme, point to start at, start, polished optimum, settled optimum, check, point of a front and layout
     with fewer moves; what it raises ends the work.  ``stop()`` is polled; once it is true the best
@@ -73,7 +76,7 @@ def optimise(
     control = Control(threads, progress, stop)
 
     def optimise_aimed(each: Design, follow: Control) -> Optimisation:
-        task = read_task(each, seed=seed, starts=starts)
+        task = read_task(each, seed=seed, starts=starts, gap=gap)
         return optimise_task(task, LocalSearcher(task, follow), follow)
 
     def optimise_views(each: Design, aims: Control, rest: Control, added: AddedView | None = None) -> Optimisation:
@@ -154,6 +157,7 @@ class LocalSearcher:
             threads=control.threads,
             progress=own.progress,
             stop=control.stop,
+            enough=enough_for(task.problems[position], task.gap),
         )
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:

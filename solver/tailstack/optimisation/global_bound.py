@@ -36,15 +36,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contributors import KIND, Columns, law_of
+from ..contributors import KIND, Columns, law_of, value_of
 from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..geometry.rotation import rigid_transform, skew
 from ..results import GlobalBound
 from ..results.digits import at_most
 from ..system import Law, Place
-from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_gradient, law_quantile
-from .exact_law import evaluate_demand
+from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
+from .exact_law import evaluate_demand, quantiles_of
 from .problem import Choice, PlacementProblem
 from .program import GRID_MM
 from .regions import BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
@@ -57,6 +57,7 @@ NARROWER = 0.99  # of the spacing: how wide a cell is from corner to corner
 MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes there: beyond, cells are wider
 WITHOUT_SPACING = 12  # cells along an axis where beads are not kept apart
 ROUNDS, UPDATES = 14, 6  # layouts added to the weights of each direction; updates of these weights after each
+MEAN_ERROR = 1e-6  # relative, of a mean over a law
 SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
 INSIDE, INSIDE_ERROR = 1 - 1e-9, 1e-11  # how far L stays within its planes, and how far these may be rounded
 REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for unknowns of about one size
@@ -125,10 +126,23 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
 
     net: of :func:`net_of`.  Raises NoBound, with the reason.
     """
-    p, bias, moved = term.demand.requirement.quantile, term.bias_mm, is_bias_moved(problem)
-    law = law_with(term, half_width, fit_images(net, term, half_width))
+    requirement, bias, moved = term.demand.requirement, term.bias_mm, is_bias_moved(problem)
+    images = fit_images(net, term, half_width)
+    if term.demand.nested:
+        return _bound_units(term, half_width, images, moved)
+    law = law_with(term, half_width, images)
+    least = _bound_pooled(law, requirement.quantile, bias, moved)
+    if (value := value_of(requirement)) is None:
+        return least
+    # A mean of |e|, over all shots or the worst of them, is convex: what is independent of it only adds (Jensen).
+    law = law if moved else replace(law, mean=bias)
+    return QuantileBound(value(law) * (1 - MEAN_ERROR), ", without the known bias" if moved else "")
+
+
+def _bound_pooled(law: LinearLaw, p: float, bias: Array, moved: bool) -> QuantileBound:
+    """Of the quantile of a law about 0, with a bias (3,) mm and whatever is independent besides."""
     least_mm = sure_quantile(law, p)
-    if bias.any() and not moved:
+    if bias.any() and not moved and p > 0.5:
         level = p if not law.columns.any() else sqrt(2 * p - 1)
         with_bias = sure_quantile(replace(law, mean=bias), level)
         if with_bias > least_mm:
@@ -137,13 +151,32 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
     return QuantileBound(least_mm, ", without the known bias" if bias.any() or moved else "")
 
 
+def _bound_units(term: DemandTerms, half_width: Array, images: Array, moved: bool) -> QuantileBound:
+    """Of what a fraction of units (or of mountings) keep their own quantile within.
+
+    The shots of a unit have a normal part that is no narrower in any direction than a round one, so a unit that is
+    further off than where that one's quantile is r has a larger one (Ehrhard); and a fraction is that far off by what
+    units hold.
+    """
+    p, columns = term.demand.requirement.quantile, columns_with(term, half_width)
+    held = np.array([source.held for source in term.sources], dtype=bool)
+    shots = law_of(np.zeros(3), columns.only(~held))
+    shots = replace(shots, covariance=shots.covariance + images)
+    far = _bound_pooled(
+        law_of(np.zeros(3), columns.only(held)), term.demand.fraction, term.bias_mm, moved or bool(term.at_ends)
+    )
+    round_mm2 = np.linalg.eigvalsh(shots.covariance)[0] * INSIDE * np.eye(3)
+    about = replace(shots, mean=np.array([far.value_mm, 0.0, 0.0]), covariance=round_mm2, columns=shots.columns * 0.0)
+    return far._replace(value_mm=max(sure_quantile(about, p), sure_quantile(shots, p)))
+
+
 def fit_images(net: Net, term: DemandTerms, half_width: Array) -> Array:
     """(3, 3) mm^2 in the frame of the error, below what the images add at any layout: the L that the law at
     half-widths (K,) feels most."""
-    to_error, p, least = term.to_error, term.demand.requirement.quantile, net.metric
+    to_error, requirement, least = term.to_error, term.demand.requirement, net.metric
     for _ in range(2):  # which L is best depends on the law that it makes
         law = law_with(term, half_width, to_error @ least @ to_error.T)
-        slopes = law_gradient(law, law_quantile(law, p)).by_covariance
+        slopes = mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
         least = fit_below(net, to_error.T @ slopes @ to_error)
     return np.asarray(to_error @ least @ to_error.T)
 
@@ -213,10 +246,8 @@ def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
         return "pivots are free, and with them what acts behind the images"
     if not demand.is_point or demand.lost:
         return "only an error at a target with all fiducials is bounded"
-    if demand.nested or not demand.requirement.row.by_quantile:
-        return "only a pooled quantile is bounded"
-    if demand.requirement.quantile <= 0.5:
-        return "a quantile of at most P50 is not bounded"
+    if demand.requirement.quantile <= 0.5 and (term.bias_mm.any() or is_bias_moved(problem)):
+        return "a quantile of at most P50 is not bounded about a known bias"
     if not all(view.fiducial_noise_px > 0 and view.target_noise_px > 0 for view in system.views):
         return "images without noise can tell anything"
     return ""
@@ -225,16 +256,16 @@ def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
 def left_out(problem: PlacementProblem, term: DemandTerms) -> tuple[str, ...]:
     """Labels of what the bound does not count, and which can only add to it."""
     system = problem.system
-    effects = [each for each in system.errors_of_points if not each.of_target and not _counts(system.manufacturing_law)]
+    effects = [each for each in system.errors_of_points if not each.of_target and not _counts_made(problem, term)]
     names = [each.words for each in effects if not each.acts_at(Place.IMAGES)]
     names += [each.words for each in (*system.believed_errors, *system.shared_image_errors) if each is not None]
     bounded = [source.contributor for source in term.sources if source.law is Law.BOUNDED]
     return tuple(dict.fromkeys((*names, *(f"bounded components of {name}" for name in bounded))))
 
 
-def _counts(law: Law) -> bool:
-    """Whether errors of that law, in the images, are part of the normal covariance that is bounded."""
-    return law is Law.NORMAL
+def _counts_made(problem: PlacementProblem, term: DemandTerms) -> bool:
+    """Whether manufacturing errors are part of the normal covariance that is bounded; a unit holds them."""
+    return problem.system.manufacturing_law is Law.NORMAL and not term.demand.nested
 
 
 def is_bias_moved(problem: PlacementProblem) -> bool:
@@ -290,7 +321,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
         place = places.get(i)
         region = BoxRegion(position, position) if place is None else place.region
         each = (i,) if place is None else place.fiducials
-        std = system.manufacturing_std_mm[list(each)] * _counts(system.manufacturing_law)
+        std = system.manufacturing_std_mm[list(each)] * _counts_made(problem, term)
         made = np.stack([turn * axis for axis in std])
         sees = system.sees[:, list(each)].T > 0
         maps = tuple(assume @ copies[k] for k in range(len(each)))

@@ -99,6 +99,7 @@ def report(
             seed=task.seed,
             tightening_rounds=verified.rounds,
             stopped=search.stopped,
+            gap=task.gap,
             verification=verified.verification,
             global_bound=certify_layout(problem, search.terms, replace(optimum.choice, half_width=now.half_width)),
             cheapest=bound_any_layout(problem, search.terms, now.half_width, cost_after, fiducials_cost),

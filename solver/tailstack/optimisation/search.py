@@ -136,6 +136,7 @@ class PreparedSearch:
     starts: tuple[Start, ...]
     ends: dict[int, Iterate]  # that are known already
     present: Array | None = None  # variables of the design as it stands, brought inside; start 0 has its layout
+    enough: float = -inf  # the objective, as people read it, that ends the search
 
 
 def search(
@@ -146,13 +147,15 @@ def search(
     threads: int | None = None,
     progress: Progress | None = None,
     stop: Stop | None = None,
+    enough: float = -inf,
 ) -> Search:
-    """Solve from every start and rank the optima (by the closed form).
+    """Solve from every start, or until an objective is enough, and rank the optima (by the closed form).
 
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
     control = Control(threads, progress, stop)
-    return _solve_prepared(prepare_search(problem, starts=starts, seed=seed, control=control), control)
+    prepared = prepare_search(problem, starts=starts, seed=seed, control=control)
+    return _solve_prepared(replace(prepared, enough=enough), control)
 
 
 def prepare_search(
@@ -246,6 +249,9 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
             control.report("start", k + 1, len(starts), least)
             if control.stops() and k + 1 < len(starts):
                 stopped, cut = f"stopped on request after {k + 1} of {len(starts)} starts", True
+                break
+            if least is not None and least <= prepared.enough and k + 1 < len(starts):
+                stopped = f"near enough to what no layout undercuts after {k + 1} of {len(starts)} starts"
                 break
     if not ends and cut:
         detail = f"{stopped}: none had converged"

@@ -20,12 +20,15 @@ class OptimisationTask:
     request: OptimiseRequest
     seed: int
     starts: int
+    gap: float | None  # to what no layout undercuts, at which a search ends; None: it does not
     counts: tuple[int, ...]  # numbers of fiducials to be tried
     problems: tuple[PlacementProblem, ...]  # one for each
     remarks: tuple[Finding, ...]  # what the free variables can and cannot do
 
 
-def read_task(design: Design, *, seed: int | None = None, starts: int | None = None) -> OptimisationTask:
+def read_task(
+    design: Design, *, seed: int | None = None, starts: int | None = None, gap: float | None = None
+) -> OptimisationTask:
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
     with locate_refusals(design):
         request = read_request(design)
@@ -38,6 +41,7 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
             request=request,
             seed=section.seed if seed is None else seed,
             starts=section.starts if starts is None else starts,
+            gap=gap,
             counts=counts,
             problems=problems,
             remarks=influence_of(request.problem),

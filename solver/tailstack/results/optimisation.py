@@ -220,6 +220,8 @@ class Certificate:
     cheapest: Relaxation | None = None
     """How cheap any layout could be, with whatever half-widths: a lower bound of the cost over all that was asked for;
     null in an answer of an older version."""
+    gap: float | None = None
+    """How near to what no layout undercuts was to be near enough, relative; null: every start was to be solved."""
 
 
 @dataclass(frozen=True, slots=True)

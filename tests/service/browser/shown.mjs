@@ -95,9 +95,10 @@ scenarios.optimum = async () => {
   const page = await begun(await newContext());
   await strip(page).getByRole("button", { name: "Optimise this design" }).click();
   await awaitRun(page, "optimisation");
+  const notes = await page.locator(".run .note").allInnerTexts();
   await page.getByRole("button", { name: /Take this design/ }).click();
   await current(page);
-  return { basis: await strip(page).getAttribute("data-basis"), badge: await page.locator(".badge").innerText(), words: await strip(page).innerText() };
+  return { notes, basis: await strip(page).getAttribute("data-basis"), badge: await page.locator(".badge").innerText(), words: await strip(page).innerText() };
 };
 
 // A requirement on each unit beside a pooled one: strip, run, slack and versions say the same

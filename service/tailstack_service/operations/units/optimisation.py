@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,6 +19,7 @@ from pydantic import TypeAdapter
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
 from tailstack.montecarlo.shards import Pending, pack, unpack
 from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
+from tailstack.optimisation.cost_bound import enough_for
 from tailstack.optimisation.course import optimise_task
 from tailstack.optimisation.program import Point
 from tailstack.optimisation.search import (
@@ -40,7 +41,7 @@ from ..operation import Done, More, Step
 from . import whole
 
 _FRONT_POINT = TypeAdapter(FrontPoint)
-Key = tuple[bytes, int | None, int | None]  # design, seed, starts
+Key = tuple[bytes, int | None, int | None, float | None]  # design, seed, starts, gap
 
 # Building the programme costs as much as solving ten starts from it (0.4 s and 0.03 s at twelve fiducials), and every
 # process that is given a unit has to build it once.
@@ -81,7 +82,8 @@ class RecordedSearcher:
         points = self.ends.get(position)
         if points is None:
             points = [solve_start(prepared, number) for number in range(len(prepared.starts))]
-        return conclude_search(prepared, (point for point in points), ONE_THREAD)
+        enough = enough_for(self.task.problems[position], self.task.gap)
+        return conclude_search(replace(prepared, enough=enough), (point for point in points), ONE_THREAD)
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
         prepared = _prepare(*self.key, position)
@@ -162,18 +164,20 @@ def _spec(position: int, first: int) -> bytes:
 
 
 def _key(request: dict[str, Any]) -> Key:
-    return canonical(request["design"]), request.get("seed"), request.get("starts")
+    return canonical(request["design"]), request.get("seed"), request.get("starts"), request.get("gap")
 
 
 @lru_cache(maxsize=4)
-def _task(design: bytes, seed: int | None, starts: int | None) -> OptimisationTask:
-    return read_task(loaded_design(design), seed=seed, starts=starts)
+def _task(design: bytes, seed: int | None, starts: int | None, gap: float | None) -> OptimisationTask:
+    return read_task(loaded_design(design), seed=seed, starts=starts, gap=gap)
 
 
 @lru_cache(maxsize=2)  # a large programme holds hundreds of megabytes
-def _prepare(design: bytes, seed: int | None, starts: int | None, position: int) -> PreparedSearch | TailstackError:
+def _prepare(
+    design: bytes, seed: int | None, starts: int | None, gap: float | None, position: int
+) -> PreparedSearch | TailstackError:
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
-    task = _task(design, seed, starts)
+    task = _task(design, seed, starts, gap)
     try:
         return prepare_search(task.problems[position], starts=task.starts, seed=task.seed, control=ONE_THREAD)
     except (InfeasibleError, NotConvergedError) as refused:

@@ -325,6 +325,8 @@ def _confidence_sentence(optimisation: Optimisation) -> str:
     optima = len(proof.optima)
     if proof.stopped.startswith("stopped"):
         ended = f"{proof.stopped}, so a longer search may find better; {ended}"
+    elif proof.gap is not None and not proof.stopped.startswith("all"):
+        ended = f"{proof.stopped} (asked for: {percent(proof.gap, 2)}); {ended}"
     ended += "; all found the same design." if optima == 1 else f" in {optima} different designs; this is the best."
     if gap is None:
         better = "That no other is better is likely, not proved."

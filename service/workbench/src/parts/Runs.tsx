@@ -164,7 +164,7 @@ function Optimum({ result }: { result: Json }) {
   return (
     <>
       <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.headline} ${mm(check.value, check.digits)} ${check.unit}, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
-      {[result.view_offer?.sentence, result.aimed?.sentence, result.moves?.sentence, ...result.influence.map(({ message }: Json) => message)].filter(Boolean).map((sentence: string) => <p key={sentence} class="note">{sentence}</p>)}
+      {[result.certificate.cheapest?.statement, result.certificate.global_bound?.statement, result.view_offer?.sentence, result.aimed?.sentence, result.moves?.sentence, ...result.influence.map(({ message }: Json) => message)].filter(Boolean).map((sentence: string) => <p key={sentence} class="note">{sentence}</p>)}
       <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
         <table>
           <thead><tr><th>What changes</th><th class="number">before</th><th class="number">after</th></tr></thead>
