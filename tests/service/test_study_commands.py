@@ -10,6 +10,7 @@ import runpy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 from xml.etree import ElementTree
 
 import pytest
@@ -298,6 +299,28 @@ def test_a_map_of_too_many_directions_is_refused_before_it_is_a_job() -> None:
     with pytest.raises(StudyError, match="at most 15 steps") as refused:
         OPERATIONS["study-views"].check(request, Settings())
     assert refused.value.problems[0].pointer == "/step_deg"
+
+
+# --- placement ------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_what_a_change_buys_is_printed_and_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with patch("tailstack.optimisation.changes.COUNTS", (1,)), patch("tailstack.optimisation.changes.SIZES", (2.0,)):
+        arguments = ["study", "placement", DEMO, "--starts", "1", "--figure", str(tmp_path / "best.svg")]
+        assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    assert "\n13 fiducials " in text
+    assert "No such layout has P95 below" in " ".join(text.split())
+    picture = (tmp_path / "best.svg").read_text(encoding="utf-8")
+    check_picture(picture)
+    assert all(f">{words}<" in picture for words in ("number of fiducials", "angle between both beams, deg", "pose"))
+
+
+def test_a_design_whose_layout_is_fixed_is_refused_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "placement", str(EXAMPLES / "locators_321.yaml")]) == 2
+    assert "no fiducial is free" in capsys.readouterr().err
 
 
 # --- estimators -----------------------------------------------------------------------------------

@@ -68,6 +68,9 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
         maps = [*record["views"], record["further"]]
         every = [direction["p95_mm"] for one in maps for direction in one["directions"]]
         assert [row.cells[3] for row in tables["Directions"].rows] == every
+    elif name == "study-placement":
+        assert [row.cells[1] for row in tables["Cases"].rows] == [case["best_found_mm"] for case in record["cases"]]
+        assert [row.cells[2] for row in tables["Cases"].rows] == [case["lower_bound_mm"] for case in record["cases"]]
     else:
         assert len(tables["Levels"].rows) == len(record["levels"])
         assert len(tables["Tests"].rows) == sum(len(level["tests"]) for level in record["levels"])

@@ -33,7 +33,8 @@ LISTING = {name: entry for name, entry in SECURED.items() if entry[1] == "get" a
 JOBS = {name for name, (_, _, operation) in CREATING.items() if "202" in operation["responses"]}
 CHEAP = {"create_verification", "create_sweep", "create_gate"}  # who owns a job is asked whatever its kind
 KINDS = {"verification", "optimisation", "sweep", "gate", "report", "comparison"}
-KINDS |= {"study-linearity", "study-coupling", "study-estimators", "study-views", "study-comparison"}
+KINDS |= {"study-linearity", "study-coupling", "study-estimators", "study-views", "study-placement"}
+KINDS |= {"study-comparison"}
 OWNED = {"id": "job", "sha256": "result"}  # path parameters that name what belongs to somebody
 WORDS = {"name", "slug"}  # path parameters that name what belongs to everybody
 VARYING = {"date", "x-request-id"}

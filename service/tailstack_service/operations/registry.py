@@ -23,6 +23,7 @@ VERB_OF = {
     "study-coupling": "study coupling",
     "study-estimators": "study estimators",
     "study-views": "study views",
+    "study-placement": "study placement",
     "study-comparison": "study compare",
     "gate": "gate",
     "report": "report",
@@ -34,7 +35,7 @@ VERB_OF = {
 ELSEWHERE = {"conversion": "tailstack_service.integrations.conversion"}  # modules that are not in this package
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: reach of the estimate, coupling, estimators, views, measurements"}
+FAMILIES = {"study": "studies: reach of the estimate, coupling, estimators, views, placement, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

@@ -47,8 +47,8 @@ def study_operation(
     In ``tailstack.studies.NAME`` stand ``study_NAME(design, **arguments, threads=, progress=)`` and its record
     ``StudyName``, in ``report/studies/NAME.py`` ``NAME_document`` and ``draw_NAME``; ``module`` is that of both where
     it is not called so.  verb: behind "study", where it is not the name.  figure: what the chart shows; empty: there is
-    none.  check: raises RefusedAt, RequestError, TailstackError; trials are checked here.  more: fields of the
-    operation.
+    none.  check: raises RefusedAt, RequestError, TailstackError; trials and starts are checked here.  more: fields of
+    the operation.
     """
     module, verb = module or name, verb or name
     solver, report = f"tailstack.studies.{module}", f"..report.studies.{module.partition('.')[0]}"
@@ -60,6 +60,7 @@ def study_operation(
 
     def check_request(request: Request, settings: Settings) -> None:
         within(getattr(request.options, "trials", None), "max_trials", settings, "/trials")
+        within(getattr(request.options, "starts", None), "max_starts", settings, "/starts")
         check(request)
 
     return Operation(

@@ -8,7 +8,7 @@ Positions are in mm.  Functions marked ArrayLike take floats, arrays over many p
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import hypot, pi
 from typing import Any
 
@@ -109,6 +109,21 @@ def bounding_box(shape: Shape) -> Array:
     ends = np.array([shape.base_mm, shape.base_mm + shape.height_mm * shape.axis])
     reach = shape.radius_mm * np.sqrt(np.maximum(1 - shape.axis**2, 0.0))
     return np.array([ends.min(axis=0) - reach, ends.max(axis=0) + reach])
+
+
+def enlarge(shape: Solid, about_mm: Array, factor: float) -> Solid:
+    """The region with every distance from a point (3,) multiplied, its inner radius too; a sector keeps its angle."""
+
+    def move_out(point: Array) -> Array:
+        return about_mm + factor * (point - about_mm)
+
+    if isinstance(shape, BoxRegion):
+        return BoxRegion(move_out(shape.low_mm), move_out(shape.high_mm))
+    outer, inner = factor * shape.radius_mm, factor * shape.inner_radius_mm
+    if isinstance(shape, Ball):
+        return Ball(move_out(shape.centre_mm), outer, inner)
+    base, height = move_out(shape.base_mm), factor * shape.height_mm
+    return replace(shape, base_mm=base, height_mm=height, radius_mm=outer, inner_radius_mm=inner)
 
 
 def diameter_mm(shape: Shape) -> float:
