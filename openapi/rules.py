@@ -46,7 +46,7 @@ RATIOS = frozenset(
     {"along", "axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
      "confidence", "contrast", "corridor_major_direction", "coverage_factor", "direction",
      "error_rate", "exceedance_probability", "extrapolation",
-     "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction",
+     "factor", "fiducial_noise_shape", "first_order", "first_order_ratio", "focal_rel_sd", "fraction", "gap",
      "half_width_rel", "highest_ratio", "interval", "kept_fraction", "kkt_residual", "largest_loss_probability",
      "largest_share", "limit_probability", "loss_probability", "lowest_ratio", "max_scale", "min_scale",
      "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "nu_range",
