@@ -441,7 +441,7 @@ def run(*command: str, **variables: str) -> subprocess.CompletedProcess[str]:
 def test_named_tuples_of_the_table_have_as_many_fields_as_their_classes() -> None:
     """One that grew and was forgotten here is compiled in vain by every process, and looked for under another name."""
     wrong = replace(calls.EVERY[0], arguments="f1 montecarlo.kernel.Results(f1 f1)")
-    with pytest.raises(ValueError, match="montecarlo.kernel.Results has 3 fields, here 2"):
+    with pytest.raises(ValueError, match=r"montecarlo\.kernel\.Results has 3 fields, here 2"):
         _ = wrong.signature
     assert all(call.signature for call in calls.EVERY)
 

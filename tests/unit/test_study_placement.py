@@ -17,8 +17,8 @@ import yaml
 from plain_data import EXAMPLES
 from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
-from tailstack.optimisation.changes import Change, floor_of, layout_problem, list_changes
-from tailstack.optimisation.global_bound import bound_layouts
+from tailstack.optimisation.changes import Alternative, floor_of, layout_problem, list_changes
+from tailstack.optimisation.cost_bound import bound_layouts
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.scoring import score
 from tailstack.studies.placement import PlacementCase, StudyPlacement, cases_of, say_worth, study_placement
@@ -29,7 +29,7 @@ def demo(**sections: Any) -> dict[str, Any]:
     return data | sections
 
 
-def changes_of(data: dict[str, Any], kind: str) -> dict[Any, Change]:
+def changes_of(data: dict[str, Any], kind: str) -> dict[Any, Alternative]:
     return {each.value or each.words: each for each in list_changes(load_design(data), "tcp") if each.kind == kind}
 
 
@@ -104,7 +104,7 @@ def test_a_bound_is_that_of_the_document_and_what_is_found_lies_above_it(study: 
     }
     by_name = {case.case: case for case in study.cases}
     for name, document in documents.items():
-        (bound,) = bound_layouts(load_design(document))
+        (bound,), _ = bound_layouts(load_design(document))
         assert bound.lower_bound_mm == by_name[name].lower_bound_mm
     floor_mm = study.any_structure_mm
     assert floor_mm is not None

@@ -44,7 +44,7 @@ SAME_DEG = 1.0  # an angle as near as that to the designed one is the designed o
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class Alternative:
     """One thing that is otherwise than designed, or nothing."""
 
     kind: Kind
@@ -53,11 +53,11 @@ class Change:
     make: Callable[[], PlacementProblem]  # raises TailstackError
 
 
-def list_changes(design: Design, error: PointError) -> tuple[Change, ...]:
+def list_changes(design: Design, error: PointError) -> tuple[Alternative, ...]:
     """Nothing changed, then each change; those that a design does not allow are left out.  Raises DesignError."""
     problem = layout_problem(design, error)
     kinds = (_counts(design, error), _sizes(problem), _angles(design, problem, error), _estimators(design, error))
-    return (Change("nothing", "as designed", None, lambda: problem), *(each for kind in kinds for each in kind))
+    return (Alternative("nothing", "as designed", None, lambda: problem), *(each for kind in kinds for each in kind))
 
 
 def layout_problem(design: Design, error: PointError) -> PlacementProblem:
@@ -86,7 +86,7 @@ def _layout_alone(problem: PlacementProblem, error: PointError) -> PlacementProb
     )
 
 
-def _counts(design: Design, error: PointError) -> Iterator[Change]:
+def _counts(design: Design, error: PointError) -> Iterator[Alternative]:
     """More and fewer fiducials in the one region, whole groups of them where it is symmetric."""
     request = read_request(design)
     system, size = request.problem.system, 1 + len(request.problem.symmetry)
@@ -99,10 +99,10 @@ def _counts(design: Design, error: PointError) -> Iterator[Change]:
 
     for count in (len(system.fiducial_labels) + size * more for more in COUNTS):
         if fewest <= count <= MOST_FIDUCIALS:
-            yield Change("fiducials", f"{count} fiducials", count, partial(put, count))
+            yield Alternative("fiducials", f"{count} fiducials", count, partial(put, count))
 
 
-def _sizes(problem: PlacementProblem) -> Iterator[Change]:
+def _sizes(problem: PlacementProblem) -> Iterator[Alternative]:
     """All regions wider about the middle of the box around them."""
     regions = [place.region for place in problem.places if not isinstance(place.region, NearSurface)]
     if len(regions) < len(problem.places):
@@ -116,10 +116,10 @@ def _sizes(problem: PlacementProblem) -> Iterator[Change]:
         return replace(problem, places=tuple(places))
 
     for factor in SIZES:
-        yield Change("envelope", f"envelope {factor:g} times as wide", factor, partial(widen, factor))
+        yield Alternative("envelope", f"envelope {factor:g} times as wide", factor, partial(widen, factor))
 
 
-def _angles(design: Design, problem: PlacementProblem, error: PointError) -> Iterator[Change]:
+def _angles(design: Design, problem: PlacementProblem, error: PointError) -> Iterator[Alternative]:
     """A view turned in the plane of its beam and that of another, image and detector with it."""
     pair = find_pair(design, problem)
     if pair is None:
@@ -138,7 +138,7 @@ def _angles(design: Design, problem: PlacementProblem, error: PointError) -> Ite
     for line_deg in ANGLES_DEG:
         by_deg = (line_deg if pair.angle_deg <= 90 else 180 - line_deg) - pair.angle_deg
         if abs(by_deg) >= SAME_DEG:
-            yield Change("angle", f"{line_deg:g} deg between {pair.words}", line_deg, partial(turn, by_deg))
+            yield Alternative("angle", f"{line_deg:g} deg between {pair.words}", line_deg, partial(turn, by_deg))
 
 
 class BeamPair(NamedTuple):
@@ -166,7 +166,7 @@ def find_pair(design: Design, problem: PlacementProblem) -> BeamPair | None:
     return BeamPair(place, other, view, angle_deg, f"{beside.name} and {view.name}")
 
 
-def _estimators(design: Design, error: PointError) -> Iterator[Change]:
+def _estimators(design: Design, error: PointError) -> Iterator[Alternative]:
     """The others; those that weigh how well intrinsics are known where every view says it."""
     system = read_request(design).problem.system
     known = all(view.intrinsics_prior is not None for view in system.views)
@@ -176,7 +176,7 @@ def _estimators(design: Design, error: PointError) -> Iterator[Change]:
 
     for estimator, traits in ESTIMATORS.items():
         if estimator is not system.estimator and (known or not traits.takes_prior):
-            yield Change("estimator", str(estimator), None, partial(take, str(estimator)))
+            yield Alternative("estimator", str(estimator), None, partial(take, str(estimator)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

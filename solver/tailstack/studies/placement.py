@@ -92,11 +92,11 @@ def study_placement(
     ``progress(done, total)`` is called after each case.  Raises DesignError, also where no fiducial is free.
     """
     # Late: a report of the record is made where the optimiser is not installed
-    from ..optimisation.changes import Change, find_best, find_pair, floor_of, list_changes
+    from ..optimisation.changes import Alternative, find_best, find_pair, floor_of, list_changes
 
     left_out: list[str] = []
 
-    def try_change(change: Change) -> PlacementCase:
+    def try_change(change: Alternative) -> PlacementCase:
         try:
             best = find_best(change.make(), starts=starts, seed=seed, threads=threads)
         except TailstackError as refusal:
