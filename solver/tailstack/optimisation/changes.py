@@ -67,8 +67,10 @@ def layout_problem(design: Design, error: PointError) -> PlacementProblem:
     """
     problem = _layout_alone(read_request(design).problem, error)
     if not problem.places:
-        hint = "give optimise a box, a region or regions in which fiducials may be"
-        raise DesignError(Problem("/optimise", "nothing-free", "no fiducial is free: there is one layout alone", hint))
+        detail = "no fiducial is free: there is one layout alone"
+        raise DesignError(
+            Problem("/optimise", "nothing-free", detail, "give optimise a box, or regions in which fiducials may be")
+        )
     return problem
 
 

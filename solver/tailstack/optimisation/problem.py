@@ -324,8 +324,14 @@ def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstr
             continue
         if site.other_shot:
             detail = f"{requirement.name} limits {measure.words} of two shots, which no search knows"
-            hint = "name the other requirements in optimise.requirement; the check judges all"
-            raise DesignError(Problem("/optimise/requirement", "two-shots", detail, hint))
+            raise DesignError(
+                Problem(
+                    "/optimise/requirement",
+                    "two-shots",
+                    detail,
+                    "name the other requirements in optimise.requirement; the check judges all",
+                )
+            )
         if not measure.paired:
             demands.append(QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights)))
             continue

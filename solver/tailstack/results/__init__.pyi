@@ -1,4 +1,5 @@
 from .global_bound import GlobalBound as GlobalBound
+from .global_bound import Relaxation as Relaxation
 from .optimisation import AimedView as AimedView
 from .optimisation import Certificate as Certificate
 from .optimisation import ChangedTolerance as ChangedTolerance
@@ -10,7 +11,6 @@ from .optimisation import MovedPivot as MovedPivot
 from .optimisation import MovesValue as MovesValue
 from .optimisation import MoveValue as MoveValue
 from .optimisation import Optimisation as Optimisation
-from .optimisation import Relaxation as Relaxation
 from .optimisation import ShadowPrice as ShadowPrice
 from .optimisation import SurvivedLoss as SurvivedLoss
 from .optimisation import ViewOffer as ViewOffer

@@ -1,4 +1,4 @@
-"""How good any layout could be: what every optimum, and a validation that is asked for it, says."""
+"""How good and how cheap any layout could be: what every optimum, and a validation that is asked for it, says."""
 
 from __future__ import annotations
 
@@ -29,3 +29,19 @@ class GlobalBound:
     """What the bound does not count, and which can only add to it."""
     statement: str
     """What the bound holds for, or why there is none, in a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Relaxation:
+    """A lower bound of the cost that no design within the given freedom (as said) can undercut."""
+
+    kind: str
+    """How the bound was found (convex allocation, monotone cuts over grades, any layout), or none."""
+    cost: float | None
+    """Cost of the optimum that it is compared with; null without a bound."""
+    lower_bound: float | None
+    """Cost that no design within the given freedom can undercut; null without a bound."""
+    gap_percent: float | None
+    """How far the optimum is above the bound, %; null without a bound."""
+    statement: str
+    """What the bound holds for, in a sentence."""

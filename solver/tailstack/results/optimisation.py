@@ -9,7 +9,7 @@ from operator import attrgetter, itemgetter
 from typing import Literal
 
 from .digits import count_decimals, decimals_of, length
-from .global_bound import GlobalBound
+from .global_bound import GlobalBound, Relaxation
 from .outline import Bar, Bars, Outline, checks_frame, frame, verdict_sentence
 from .record import Result
 from .tables import EVERYWHERE, PAPER, TERMINAL, Column, On, Table, fill, tabulate
@@ -171,22 +171,6 @@ class LocalOptimum:
     """Number of the first of them."""
     rms_distance_mm: float
     """RMS distance of its fiducials from those of the best one, matched to the nearest, mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Relaxation:
-    """A lower bound of the cost that no design within the given freedom (as said) can undercut."""
-
-    kind: str
-    """How the bound was found (convex allocation, monotone cuts over grades, any layout), or none."""
-    cost: float | None
-    """Cost of the optimum that it is compared with; null without a bound."""
-    lower_bound: float | None
-    """Cost that no design within the given freedom can undercut; null without a bound."""
-    gap_percent: float | None
-    """How far the optimum is above the bound, %; null without a bound."""
-    statement: str
-    """What the bound holds for, in a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
