@@ -20,7 +20,7 @@ import { PlaceSwitches } from "./parts/Places";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Requirements, Verdict } from "./parts/Verdict";
-import { listed, Tip, WordList } from "./parts/Words";
+import { Fold, listed, Tip, WordList } from "./parts/Words";
 import { comments, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
@@ -174,7 +174,7 @@ function Foot() {
   return (
     <footer>
       {steps.value.length > 0 && answer.value && (
-        <p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}. Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p>
+        <Fold words="What these numbers are of, and what is in none of them"><p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}. Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p></Fold>
       )}
       <p class="controls">
         <button type="button" onClick={() => void import("./parts/Manual").then((module) => (manual.value = module.Manual))}>The manual</button>

@@ -1,5 +1,5 @@
 // The limit as a handle: how it is dragged.  See tests/service/test_workbench_limit.py.
-import { asked, axe, begun, centre, drawn, state, tell, unhurried, wide } from "./page.mjs";
+import { asked, axe, begun, centre, drawn, state, tell, unfold, unhurried, wide } from "./page.mjs";
 
 const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.locator(".rail [role=status]").innerText();
 const numberOf = async (page, of, what = "aria-valuenow") => Number(await handle(page, of).getAttribute(what));
@@ -17,6 +17,7 @@ async function drag(page, of, to, steps = 12) {
 }
 
 const lock = async (page, names) => {
+  if (names.length) await unfold(page);
   for (const name of names) await page.getByRole("button", { name: `Lock ${name}`, exact: true }).click();
 };
 /** What the page shows and holds. */

@@ -106,6 +106,11 @@ export const number = async (page, label, value) => {
 };
 export const wide = (page) => page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
 
+/** The components of every contributor are listed. */
+export const unfold = async (page) => {
+  for (const closed = page.locator(".budget .fold[aria-expanded=false]"); await closed.count(); ) await closed.first().click();
+};
+
 /** To whoever asked for the scenario, while it is played. */
 export const tell = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
 

@@ -1,6 +1,6 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { ASKED_AGAIN, asked, begun, bead, centre, current, drop, newContext, number, open, part, sha, state, take } from "./page.mjs";
+import { ASKED_AGAIN, asked, begun, bead, centre, current, drop, newContext, number, open, part, sha, state, take, unfold } from "./page.mjs";
 
 const scenarios = {};
 const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused), null, ASKED_AGAIN);
@@ -56,6 +56,7 @@ scenarios.link = async () => {
 // A field behind an alias is slid, and so is what the alias stands for
 scenarios.alias = async () => {
   const page = await begun(await newContext()), found = [], before = (await state(page)).text;
+  await unfold(page);
   for (const pointer of asked.pointers) {
     const field = page.locator(`[data-pointer="${pointer}"]`).first(), slider = page.locator(`.slide:has([data-pointer="${pointer}"]) input[type=range]`);
     await slider.scrollIntoViewIfNeeded();

@@ -1,5 +1,5 @@
 // Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
-import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, sha, state, take, tell, unhurried, wide } from "./page.mjs";
+import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, sha, state, take, tell, unfold, unhurried, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -32,6 +32,7 @@ const scenarios = {
   // Fifty edits of all kinds, undone one by one, done again one by one
   async undo() {
     const context = await newContext(), page = await begun(context), first = await sha(page);
+    await unfold(page);
     let random = asked.seed;
     const draw = (n) => { random = (Math.imul(random, 1103515245) + 12345) >>> 0; return (random >>> 8) % n; };
     const before = (await state(page)).position;
@@ -362,6 +363,7 @@ scenarios.slack = async () => {
 // A slider stops at the process grades that the design lists for this tolerance
 scenarios.grades = async () => {
   const context = await newContext(), page = await begun(context);
+  await unfold(page);
   const slider = page.locator(`.slide:has([data-pointer="${asked.pointer}"]) input[type=range]`);
   const stops = await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) option`).evaluateAll((all) => all.map((option) => Number(option.value)));
   await slider.scrollIntoViewIfNeeded();
@@ -453,6 +455,7 @@ scenarios.lose = async () => {
   await page.getByRole("button", { name: `Lose ${asked.label}: take it out` }).click();
   const without = await sha(page);
   const labels = await page.locator(".beads tbody tr > th").allInnerTexts();
+  await page.getByRole("button", { name: "Per unit, and if fiducials are not found" }).click();
   const losses = await page.getByRole("region", { name: "Lost fiducials" }).innerText();
   const drawn = page.locator(".viewer-layers label", { hasText: `Fiducials (${labels.length})` });
   await drawn.waitFor({ state: "attached" }); // the drawing in space follows a moment later

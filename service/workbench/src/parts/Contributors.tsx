@@ -23,7 +23,7 @@ type Allowance = components["schemas"]["Allowance"];
 
 const shown = signal<string | null>(null); // target of the list
 const unfolded = signal<ReadonlyMap<string, boolean>>(new Map()); // families whose components were asked for, or sent away
-const SMALL = 0.01; // share of a family of which, until more is asked for, only what can be slid is shown
+const LARGE = 0.2; // share of a family whose components are shown before they are asked for, as those of the first are
 const SLACK = "Slack to the limit";
 
 // --- half-widths that can be slid ------------------------------------------------------------------------------------
@@ -177,13 +177,13 @@ export function Contributors() {
           <thead>
             <tr><th><Term word="contributor">Contributor</Term></th><th><Term word="half-width">Half-width</Term>{allowances ? " and slack" : ""}</th><th class="number"><Term word="share">Share</Term>; ▲▼ mm</th><th class="number"><Term word="P95">P95</Term> without, mm</th></tr>
           </thead>
-          {families.map((family) => {
-            const asked = unfolded.value.get(family.key), open = asked ?? (!family.line || rankOf(family) >= SMALL);
+          {families.map((family, k) => {
+            const open = unfolded.value.get(family.key) ?? (k === 0 || allowances !== null || !family.line || rankOf(family) >= LARGE);
             return (
               <tbody key={family.key}>
                 <Entry row={family} parts={family.parts} target={target} share={family.line || family.parts.some(({ line }) => line) ? shareOf(family) : undefined} slack={slack(family)}
                   fold={family.parts.length ? { open, turn: () => (unfolded.value = new Map([...unfolded.value, [family.key, !open]])) } : undefined} />
-                {family.parts.filter(({ slide }) => open || (asked === undefined && slide)).map((part) => <Entry key={part.slide?.path.join("/") ?? part.name} row={part} target={target} share={part.line?.variance_share} slack={slack(part)} below />)}
+                {open && family.parts.map((part) => <Entry key={part.slide?.path.join("/") ?? part.name} row={part} target={target} share={part.line?.variance_share} slack={slack(part)} below />)}
               </tbody>
             );
           })}

@@ -43,6 +43,8 @@ const shown = computed(() => {
   return { levers: all.levers.filter(({ requirement }) => requirement === name), now: check ? worst : estimated.value.value, limit: check?.limit ?? null, unit: check?.unit ?? "mm", digits: estimated.value.digits, name, old: all.design !== design.value };
 });
 
+const FIRST = 5; // levers that are shown before the others are asked for
+const every = signal(false); // whether all are shown
 const HOW: Record<Lever["how"], string> = { perfect: "were it perfect", least: "at its smallest allowed", bound: "not below", found: "by a search" };
 
 /** The two that lead furthest, where they would be best, or that nothing leads within the limit: in the strip. */
@@ -66,8 +68,8 @@ export function Levers() {
         <colgroup><col /><col /><col /><col /></colgroup>
         <thead class="hidden"><tr><th>Lever</th><th>Bar</th><th>{`At its best, ${unit}`}</th><th>What that is</th></tr></thead>
         <tbody>
-          {levers.map((lever) => (
-            <tr key={lever.name} class={limit !== null && lever.value <= limit ? "keeps" : ""}>
+          {levers.map((lever, k) => (
+            <tr key={lever.name} class={`${limit !== null && lever.value <= limit ? "keeps" : ""}${every.value || k < FIRST ? "" : " folded"}`}>
               <th scope="row" title={lever.label}>{lever.label}</th>
               <td class="reached"><svg viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect class="now" width={x(now)} height="10" /><rect class="best" width={x(lever.value)} height="10" />{limit !== null && <path d={`M${x(limit)} 0V10`} />}</svg></td>
               <td class="number">{mm(lever.value, d)}</td>
@@ -76,6 +78,7 @@ export function Levers() {
           ))}
         </tbody>
       </table>
+      {levers.length > FIRST && <button type="button" class="fold" aria-expanded={every.value} onClick={() => (every.value = !every.value)}>{`All ${levers.length} levers`}</button>}
     </div>
   );
 }

@@ -38,7 +38,7 @@ export function Space() {
     <>
       <figure ref={figure} hidden={!scene} class={drawn.value === design.value ? "space" : "space old"} />
       {scene && (
-        <p id="hands" class="note" role="status">
+        <p id="hands" class={said.value || held ? "note" : "note idle"} role="status">
           {said.value || (held ? `${held.words}: ${held.turn ? "the arrows turn it by 1° and tilt it" : "the arrows move it by 1 mm, in the plane that you look at"}; Escape lets go` : "Drag a bead, pivot, locator or beam to move it; with Shift along an axis. N and P take one for the arrows")}
         </p>
       )}

@@ -17,7 +17,7 @@ import { Reach } from "./Levers";
 import { Limit, limitOf } from "./Limit";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
-import { Term } from "./Words";
+import { Fold, Term } from "./Words";
 
 const warming = signal(false); // the service says that it is not ready yet
 const PATIENCE = 700; // ms without a first score, after which the page asks why
@@ -231,6 +231,8 @@ export function Requirements() {
       {verified.value && <p class="note">{`As verified by ${verified.value.record.trials.toLocaleString("en")} simulated shots; the tables below are estimates${standing.value.holds ? "" : ", and do not hold here"}.`}</p>}
       <Checks of={reading} label="Table of requirements" />
       <div class={standing.value.holds ? "" : "outdated"}>
+      {estimated.value && <Measures of={estimated.value} />}
+      <Fold words="Per unit, and if fiducials are not found">
       <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
         <table data-kind="estimate">
           <caption>Two readings of the risk at the tool, by estimate</caption>
@@ -242,8 +244,8 @@ export function Requirements() {
           </tbody>
         </table>
       </div>
-      {estimated.value && <Measures of={estimated.value} />}
       <Losses score={score} />
+      </Fold>
       </div>
     </div>
   );

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { GLOSSARY } from "../glossary";
 
 const shown = signal<{ word: string; of: HTMLElement } | null>(null);
@@ -18,6 +18,12 @@ export function Term({ word, quiet = false, children }: { word: string; quiet?: 
     <span class="term" tabIndex={quiet ? undefined : 0} role={quiet ? undefined : "note"} aria-describedby={!quiet && shown.value?.word === word ? "tip" : undefined}
       onMouseEnter={show} onMouseLeave={hide} onFocus={show} onBlur={hide} onKeyDown={(event) => { if (event.key === "Escape") hide(event); }}>{children}</span>
   );
+}
+
+/** What is folded until it is asked for; on paper it is there. */
+export function Fold({ words, children }: { words: string; children: ComponentChildren }) {
+  const [open, setOpen] = useState(false);
+  return <><button type="button" class="fold" aria-expanded={open} onClick={() => setOpen(!open)}>{words}</button><div class={open ? "" : "folded"}>{children}</div></>;
 }
 
 /** The explanation of one word, near it: a page that scrolls, as to a word that gets the focus, takes it along. */
