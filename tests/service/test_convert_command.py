@@ -108,6 +108,26 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
     assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.19999999999999"
 
 
+def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file without balls; what a design named as its drawing stays named until it is written out."""
+    source, target = ROOT / "examples" / "first_carrier.yaml", tmp_path / "new.yaml"
+    drawing = str(ROOT / "examples" / "gallery" / "seat_from_cad_carrier.step")
+    assert main(["convert", drawing, "--pin-class", "g6", "--base", str(source), "-o", str(target)]) == 0
+    said = capsys.readouterr()
+    assert "the seat is flatness 0.02; diameter 6 H7" in said.err
+    before, after = load_design(source), load_design(target)
+    assert after.fiducials.positions_mm == before.fiducials.positions_mm
+    seat = after.document.interfaces.structure_connector
+    assert seat is not None
+    assert [feature.name for feature in seat.features or ()] == ["face", "pin 1", "pin 2"]
+    assert "#" in target.read_text(encoding="utf-8").partition("fiducials:")[2]
+    capsys.readouterr()
+    assert main(["convert", drawing, "--pin-class", "k6", "--base", str(source), "-o", str(target)]) == 2
+    assert "the letter k is not known here" in capsys.readouterr().err
+
+
 # --- calibration cages ----------------------------------------------------------------------------
 
 

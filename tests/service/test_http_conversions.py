@@ -102,7 +102,7 @@ def test_a_type_that_says_what_it_is_needs_no_more(client: httpx.Client) -> None
     check_problem(page, 415, "unsupported-media-type")
 
 
-STEP = {"Content-Type": "model/step"}
+STEP, YAML = {"Content-Type": "model/step"}, {"Content-Type": "application/yaml"}
 
 
 CARRIER = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")  # eight balls of 3 mm
@@ -130,6 +130,21 @@ def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: http
     assert list(made.fiducials.positions_mm) == [tuple(point["position_mm"]) for point in document["fiducials"]]
     beads = converted(client.post("/v1/conversions", json={**body, "to": "csv"}))
     assert len(beads["content"].splitlines()) == 9
+
+
+def test_a_drawing_becomes_a_seat_and_is_read_from_no_disk(client: httpx.Client) -> None:
+    folder = EXAMPLES / "gallery"
+    content = (folder / "seat_from_cad_carrier.step").read_text(encoding="ascii")
+    body = {"format": "step", "content": content, "pin_class": "g6", "base": small_design()}
+    document = converted(client.post("/v1/conversions", json=body))
+    seat = load_design(document["content"]).document.interfaces.structure_connector
+    assert seat is not None
+    assert len(seat.features or ()) == 3
+    assert any("the seat is flatness 0.02" in note for note in document["notes"])
+    refused = client.post("/v1/scores", content=(folder / "seat_from_cad.yaml").read_bytes(), headers=YAML)
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"] == "/interfaces/structure_connector/drawing"
+    assert "tailstack convert" in refused.json()["errors"][0]["hint"]
 
 
 def test_a_step_file_may_be_longer_than_a_design() -> None:

@@ -353,7 +353,8 @@ def test_what_hangs_on_a_change_is_judged(tmp_path: Path, monkeypatch: pytest.Mo
         "beads.csv": "label,x_mm,y_mm,z_mm\n", "policy.yaml": "schema: tailstack/policy/1\n", "other.csv": "",
         "k8s/policy.yaml": "kind: NetworkPolicy\n", "damaged.yaml": "schema: tailstack/desgn/1\n",
         "waivers.yaml": "# of tailstack/design/1\nschema: tailstack/waivers/1\n",
-        "result.json": '{"schema": "tailstack/score/1"}',
+        "result.json": '{"schema": "tailstack/score/1"}', "seat.step": "ISO-10303-21;",
+        "d.yaml": "schema: tailstack/design/1\ninterfaces: { connector_flange: { drawing: { file: seat.step } } }\n",
     }.items():  # fmt: skip
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(body, encoding="utf-8")
@@ -361,12 +362,12 @@ def test_what_hangs_on_a_change_is_judged(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "untracked.yaml").write_text(text, encoding="utf-8")
     (tmp_path / "link.yaml").symlink_to("beads.csv")
     monkeypatch.chdir(tmp_path)
-    every = {"a.yaml", "b.yaml", "sub/c.yaml"}
+    every = {"a.yaml", "b.yaml", "d.yaml", "sub/c.yaml"}
     for changed, judged in {
         ("a.yaml",): {"a.yaml"}, ("beads.csv",): {"a.yaml", "sub/c.yaml"}, ("other.csv",): set(),
         ("policy.yaml",): every, ("waivers.yaml", "b.yaml"): every, ("k8s/policy.yaml",): set(),
-        ("damaged.yaml",): {"damaged.yaml"}, ("result.json",): set(), ("beads.csv", "b.yaml"): every,
-        ("gone.yaml",): {"gone.yaml"}, ("link.yaml",): {"a.yaml", "sub/c.yaml"},
+        ("damaged.yaml",): {"damaged.yaml"}, ("result.json",): set(), ("beads.csv", "b.yaml"): every - {"d.yaml"},
+        ("gone.yaml",): {"gone.yaml"}, ("seat.step",): {"d.yaml"}, ("link.yaml",): {"a.yaml", "sub/c.yaml"},
     }.items():  # fmt: skip
         found = list_affected(list(changed), ["policy.yaml", "waivers.yaml", None])
         assert {os.path.relpath(name) for name in found} == judged, changed

@@ -184,6 +184,7 @@ def test_rounding_is_taken_out_and_noted_each_time():
 def hash_of_all(design):
     """independent: Python's json of the whole document, and of the points and files of surfaces."""
     elsewhere = {"fiducials": {"points", "file", "T_con_file", "registered_to"}, "target_origins": True}
+    elsewhere["interfaces"] = {"structure_connector": {"origin"}, "connector_flange": {"origin"}}
     data = json.loads(design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere))
     points = [design.fiducials.labels, design.fiducials.positions_mm]
     for region in (data.get("optimise") or {}).get("regions", ()):

@@ -72,6 +72,12 @@ PINS = Flag(
     metavar="PATTERN",
     heading=STEP,
 )
+PIN_CLASS = Flag(
+    "the seat of the structure is what the tolerances of the file state (AP242): a flat face and two holes, whose pins "
+    "are of this class of ISO 286",
+    metavar="g6",
+    heading=STEP,
+)
 XMALAB = Flag(
     "the .csv that is read, or else written, is a frame specification in this unit; a .ref beside one that is read is "
     "read too",
@@ -110,12 +116,25 @@ class StepOptions(Options):
         examples=["PIN*"],
     )
 
+    pin_class: Annotated[Annotated[str, Field(min_length=2, max_length=6)] | None, PIN_CLASS] = Field(
+        None,
+        description="STEP only: the tolerances that the file states (AP242) of a flat face and two dowel holes become "
+        "the features of the structure's seat, with pins of this class of ISO 286. Balls may lack then, beside a base.",
+        examples=["g6"],
+    )
+
     def select(self) -> StepSelection:
         """As the solver takes it."""
         from tailstack.integrations.step import StepSelection
 
         return StepSelection(
-            self.sphere_diameter_mm, self.sphere_tolerance_mm, self.name, self.frame, self.seats, self.pins
+            self.sphere_diameter_mm,
+            self.sphere_tolerance_mm,
+            self.name,
+            self.frame,
+            self.seats,
+            self.pins,
+            self.pin_class,
         )
 
 

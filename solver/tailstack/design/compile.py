@@ -208,6 +208,7 @@ def _interface(interface: Interface | None, name: str, notes: list[str]) -> Dire
     elif interface.features is not None:
         sources, middle = _torsor_of_features(interface.features, pivot, f"/interfaces/{name}/features")
         known = frozen(known + middle)
+        notes += [] if interface.origin is None else list_notes(interface.origin)
         notes += [f"{name} {each.name}, {each.words}" for each in interface.features]
         notes += [f"{name}: {ROUND}"] if any(isinstance(each, FittedFeature) for each in interface.features) else []
     return mount(name, pivot, known, sources, interface.label, interface.drawn)

@@ -449,6 +449,76 @@ class Locator(Record):
         return self
 
 
+class FiducialOrigin(Record):
+    """Where inlined points were read from, and what was done to them on the way.
+
+    Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
+    """
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="Name of the fiducial file, as the design named it.", examples=["fiducials/phantom.mrk.json"]
+    )
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(
+        description="SHA-256 of the file's bytes, 64 hexadecimal digits.", examples=["0" * 64]
+    )
+    coordinate_system: Literal["LPS", "RAS"] = Field(
+        description="What the file held. The points here are LPS: of RAS, x and y changed their sign.",
+        examples=["RAS"],
+    )
+    coordinate_system_stated: bool = Field(
+        default=True,
+        description="false: the file did not say, and was read as its format was written then.",
+        examples=[True],
+    )
+    coordinate_unit: Literal["um", "mm", "cm", "m", "in"] = Field(
+        default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
+    )
+    left_out: list[Name] = Field(
+        default_factory=list,
+        description="Points of the file that are no fiducials here, as their position was not defined: their labels, "
+        "with their state in brackets where it is another than undefined.",
+        examples=[["P10"]],
+    )
+    remarks: list[Annotated[str, Field(min_length=1, max_length=400)]] = Field(
+        default_factory=list,
+        max_length=20,
+        description="What else is to be known of the file: other rows that were left out, and what was read in another "
+        "way than it is written.",
+        examples=[["1 row was left out, as it begins with # and is a remark: line 12"]],
+    )
+    changed: bool = Field(
+        default=False,
+        description="true: the points are no longer those of the file (the optimiser moved or left out some).",
+        examples=[False],
+    )
+
+    def describe_left_out(self) -> str:
+        """Which points of the file are no fiducials; empty where there are none."""
+        count = len(self.left_out)
+        points = "1 point was" if count == 1 else f"{count} points were"
+        listed = ", ".join(self.left_out[:20]) + (", ..." if count > 20 else "")
+        return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
+
+
+WAYS_OF_HOLDING = ("tolerances", "locators", "locator_files", "features", "drawing")
+
+
+class SeatDrawing(Record):
+    """A STEP file whose tolerances (AP242) state a seat: a flat face and two dowel holes."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="STEP file beside the design (relative path).", examples=["carrier.step"]
+    )
+    pin_class: Annotated[str, Field(min_length=2, max_length=6)] = Field(
+        description="Class of ISO 286 of the pins that go into its holes.", examples=["g6"]
+    )
+    frame: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None,
+        description="Coordinate system or part of the file whose frame is con. Default the file's own frame.",
+        examples=["CONNECTOR"],
+    )
+
+
 class Interface(Record):
     """A mechanical interface: a known bias and either tolerances, six locators or the features of a drawing."""
 
@@ -464,7 +534,8 @@ class Interface(Record):
     bias: Bias = Field(default_factory=Bias, description="Known, fixed displacement. Default none.")
     tolerances: Tolerances | None = Field(
         default=None,
-        description="Half-width and law per component. Either this, locators or features; none means it does not vary.",
+        description="Half-width and law per component. Either this, locators, features or drawing; none means it does "
+        "not vary.",
     )
     locators: Annotated[list[Locator], Field(min_length=6, max_length=6)] | None = Field(
         default=None,
@@ -480,16 +551,25 @@ class Interface(Record):
         default=None,
         description="The six locators, in files beside the design: a contact is called by the label of its point.",
     )
+    drawing: SeatDrawing | None = Field(
+        default=None, description="The features, read from a STEP file beside the design. Absent: as stated here."
+    )
+    origin: FiducialOrigin | None = Field(
+        default=None,
+        description="Only with features that were read from a STEP file: which one, and what of it was read and left. "
+        "Results note it; it changes no number, nor the hash of the design.",
+    )
     drawn: HowOften = level_field(Drawn.UNIT, "its tolerances, locators or features")
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT, "features": None, "locator_files": None})
+    _as_before = leave_out_later(
+        {"drawn": Drawn.UNIT, "features": None, "locator_files": None, "drawing": None, "origin": None}
+    )
 
     @model_validator(mode="after")
     def _one_description(self) -> Interface:
-        every = ("tolerances", "locators", "locator_files", "features")
-        ways = [field for field in every if getattr(self, field) is not None]
+        ways = [field for field in WAYS_OF_HOLDING if getattr(self, field) is not None]
         if len(ways) > 1:
-            detail = f"give one of {', '.join(every)}; {' and '.join(ways)} arrived"
+            detail = f"give one of {', '.join(WAYS_OF_HOLDING)}; {' and '.join(ways)} arrived"
             raise refusal("one-of", detail, f"the torsor follows from {ways[-1]}", ways[-1])
         for field in ("locators", "features"):
             names = [each.name for each in getattr(self, field) or ()]
@@ -497,6 +577,9 @@ class Interface(Record):
                 if name in names[:index]:
                     raise refusal("duplicate-name", f"two {field} are called {name!r}", at=f"{field}/{index}/name")
         refuse_overheld(self.features or ())
+        if self.origin is not None and self.features is None:
+            words = "origin belongs to features that were read from a file"
+            raise refusal("unused-field", words, "remove origin", "origin")
         return self
 
     @property
@@ -711,57 +794,6 @@ class Manufacturing(Record):
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
     _law = with_law("half_width_mm")
-
-
-class FiducialOrigin(Record):
-    """Where inlined points were read from, and what was done to them on the way.
-
-    Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
-    """
-
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="Name of the fiducial file, as the design named it.", examples=["fiducials/phantom.mrk.json"]
-    )
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(
-        description="SHA-256 of the file's bytes, 64 hexadecimal digits.", examples=["0" * 64]
-    )
-    coordinate_system: Literal["LPS", "RAS"] = Field(
-        description="What the file held. The points here are LPS: of RAS, x and y changed their sign.",
-        examples=["RAS"],
-    )
-    coordinate_system_stated: bool = Field(
-        default=True,
-        description="false: the file did not say, and was read as its format was written then.",
-        examples=[True],
-    )
-    coordinate_unit: Literal["um", "mm", "cm", "m", "in"] = Field(
-        default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
-    )
-    left_out: list[Name] = Field(
-        default_factory=list,
-        description="Points of the file that are no fiducials here, as their position was not defined: their labels, "
-        "with their state in brackets where it is another than undefined.",
-        examples=[["P10"]],
-    )
-    remarks: list[Annotated[str, Field(min_length=1, max_length=400)]] = Field(
-        default_factory=list,
-        max_length=20,
-        description="What else is to be known of the file: other rows that were left out, and what was read in another "
-        "way than it is written.",
-        examples=[["1 row was left out, as it begins with # and is a remark: line 12"]],
-    )
-    changed: bool = Field(
-        default=False,
-        description="true: the points are no longer those of the file (the optimiser moved or left out some).",
-        examples=[False],
-    )
-
-    def describe_left_out(self) -> str:
-        """Which points of the file are no fiducials; empty where there are none."""
-        count = len(self.left_out)
-        points = "1 point was" if count == 1 else f"{count} points were"
-        listed = ", ".join(self.left_out[:20]) + (", ..." if count > 20 else "")
-        return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
 
 
 class NamedPoint(Record):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,16 @@ from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
-from .document import SCHEMA_NAME, DesignDocument, LocatorFile, TargetFile
+from .document import (
+    SCHEMA_NAME,
+    DesignDocument,
+    FiducialOrigin,
+    Interface,
+    Interfaces,
+    LocatorFile,
+    SeatDrawing,
+    TargetFile,
+)
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
 from .frames import (
     FRAME_FIELDS,
@@ -51,6 +62,10 @@ from .refusals import place, refuse
 from .refusals import pointer as write_pointer
 from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 
+SEAT_READER = "tailstack.integrations.step.seat"  # found by its name: it lies behind this on the way of the data
+SEAT_FILES = (".step", ".stp", ".p21")
+MOST_STEP_BYTES = 32_000_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
@@ -70,7 +85,9 @@ class Design:
         """The files that it refers to, as it names them."""
         written = self.as_written
         surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
-        named = [written.fiducials.file, *(each.file for each in written.point_files.values()), *surfaces]
+        seats = [drawing.file for _, drawing in list_drawings(written)]
+        points = [each.file for each in written.point_files.values()]
+        named = [written.fiducials.file, *points, *surfaces, *seats]
         return [name for name in dict.fromkeys(named) if name]
 
     def __repr__(self) -> str:
@@ -182,6 +199,7 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     except ValidationError as error:
         raise refuse(error, source, limits) from None
     reader, written = _FileReader(source, allow_files, limits), document
+    document = reader.with_drawn_seats(document)
     if document.point_files:  # what they hold is judged with the rest of the document
         document = reader.with_points_of_files(document)
     for pointer, surface in surfaces_in(document.optimise).items():
@@ -241,6 +259,14 @@ def _refuse_all(problems: list[Problem], source: DocumentSource, limits: Limits)
     raise DesignError(placed)
 
 
+def list_drawings(document: DesignDocument) -> Iterator[tuple[str, SeatDrawing]]:
+    """Each interface that a file of a drawing states: its name, and which file."""
+    for name in Interfaces.model_fields:
+        interface: Interface | None = getattr(document.interfaces, name)
+        if interface is not None and interface.drawing is not None:
+            yield name, interface.drawing
+
+
 @dataclass(frozen=True, slots=True)
 class _FileReader:
     """Reads the files that a document refers to."""
@@ -297,6 +323,33 @@ class _FileReader:
         changed = {"targets": targets, "target_files": None, "target_origins": origins}
         interfaces = {"interfaces": document.interfaces.model_copy(update=held)} if held else {}
         return document.model_copy(update=changed | interfaces)
+
+    def with_drawn_seats(self, document: DesignDocument) -> DesignDocument:
+        """The document with the features that files of drawings state."""
+        seats: dict[str, Interface] = {}
+        for name, drawing in list_drawings(document):
+            with self._placing(f"/interfaces/{name}/drawing"):
+                path = self.find(drawing.file, SEAT_FILES, "state its features inline (tailstack convert does)")
+                content = read_bytes(path, MOST_STEP_BYTES, drawing.file)
+                read = import_module(SEAT_READER).read_drawn_seat(
+                    content, drawing.file, drawing.pin_class, drawing.frame
+                )
+                origin = FiducialOrigin(
+                    file=drawing.file,
+                    sha256=hashlib.sha256(content).hexdigest(),
+                    coordinate_system="LPS",
+                    remarks=[each[:400] for each in read.remarks[:20]],
+                )
+                stated = {key: value for key, value in self.source.data["interfaces"][name].items() if key != "drawing"}
+                try:
+                    seats[name] = Interface.model_validate(stated | {"features": read.features, "origin": origin})
+                except ValidationError as error:
+                    raise refuse(error, self.source, self.limits, Interface) from None
+        if not seats:
+            return document
+        assumed = [re.sub(r"^(/interfaces/\w+)/drawing\b.*", r"\1/features", each) for each in document.assumed]
+        changes = {"interfaces": document.interfaces.model_copy(update=seats)} | ({FIELD: assumed} if assumed else {})
+        return document.model_copy(update=changes)
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
         """A surface with what its file holds, which can be read, and has the side that is asked for."""
@@ -360,7 +413,8 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool, inline: str
 
 
 # the points are hashed apart, in con, wherever they were read
-_ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True, "review": True}
+_ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True, "review": True,
+                   "interfaces": {name: {"origin"} for name in Interfaces.model_fields}}  # fmt: skip
 _OF_SURFACE = ("file", "content")  # likewise, by what the file holds
 
 

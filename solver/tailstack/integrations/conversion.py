@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..design.assumed import FIELD, follow_changes
+from ..design.document import WAYS_OF_HOLDING
 from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
 from ..design.loading import Design, holds_points, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
-from ..errors import DesignError, LimitError, Problem
+from ..errors import DesignError, LimitError, Problem, StepError
 from .calibration_cages import CageForm, read_cage, write_cage
 from .step import StepBody, StepContact, StepSelection, StepTolerance, read_step
 from .step.part21 import MOST_BYTES
+from .step.seat import DrawnSeat, find_seat
 
 Base = Design | Callable[[FiducialList], Design]
 STEP_FILES = (".step", ".stp", ".p21")
@@ -71,9 +73,17 @@ def convert(
     written = None if reads_table else cage
     if source_name.lower().endswith(STEP_FILES):
         reading = read_step(content, source_name, selection, limits)
-        data, notes = _place_fiducials(base, reading.fiducials, reading.contacts)
-        text = write_data(data, reading.fiducials, target_name, written)
-        return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies, reading.tolerances)
+        fiducials, seat = reading.fiducials, None
+        if selection is not None and selection.pin_class is not None:
+            if reading.contacts:
+                detail = "the seat is read from tolerances (pin_class), or from seats and pins; both arrived"
+                raise StepError(Problem("", "one-of", detail, "leave one of them out", source_name))
+            seat = find_seat(reading.tolerances, selection.pin_class, source_name)
+        if not fiducials.labels:
+            fiducials = _keep_fiducials(base, source_name)
+        data, notes = _place_fiducials(base, fiducials, reading.contacts, seat)
+        text = write_data(data, fiducials, target_name, written)
+        return Conversion(text, (*reading.notes, *notes), fiducials, reading.bodies, reading.tolerances)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(ENDINGS) and not _is_design(content, source_name):
@@ -87,6 +97,14 @@ def convert(
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
     text = write_data(design_to_data(design), design.fiducials, target_name, written)
     return Conversion(text, design.fiducials.notes, design.fiducials)
+
+
+def _keep_fiducials(base: Base | None, name: str) -> FiducialList:
+    """Those of the design that a file without balls goes into.  Raises StepError."""
+    if isinstance(base, Design):
+        return base.fiducials
+    cure = "name the design that the seat goes into: --base (base)"
+    raise StepError(Problem("", "no-ball", f"{name} holds a seat and no ball", cure, name))
 
 
 def _is_design(content: bytes, name: str) -> bool:
@@ -116,9 +134,9 @@ def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
 
 
 def _place_fiducials(
-    base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = ()
+    base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = (), seat: DrawnSeat | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The design with other fiducials and perhaps contacts; without one, these sections of it.  And what to mind."""
+    """The design with other fiducials and perhaps a seat; without one, these sections of it.  And what to mind."""
     base = base(fiducials) if callable(base) else base
     old = {} if base is None else design_to_data(base)
     data = deepcopy(old)
@@ -139,6 +157,9 @@ def _place_fiducials(
     if data.get("optimise", {}).get("fixed"):
         forget_missing_labels(data, set(fiducials.labels))
     notes, guessed = _place_contacts(data, contacts) if contacts else ((), [])
+    if seat is not None:
+        _hold(data, seat.pivot_mm, features=seat.features)
+        notes = (*notes, *seat.remarks)
     data = follow_changes(old, data)
     if guessed:
         data[FIELD] = [*data.get(FIELD, ()), *guessed]
@@ -149,12 +170,10 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     """Contacts as the locators of the structure on its connector; half-widths of those that had them before stay.
 
     What to mind, and the pointers of half-widths that are a start."""
-    interface = data.setdefault("interfaces", {}).setdefault("structure_connector", {})
+    interface = data.get("interfaces", {}).get("structure_connector", {})
     before = {locator["name"]: locator for locator in interface.get("locators") or ()}
     start = {"half_width_mm": SEAT_HALF_WIDTH_MM, "distribution": "uniform"}
-    interface.pop("tolerances", None)
-    interface["pivot_mm"] = [float(value) for value in np.mean([each.position_mm for each in contacts], axis=0)]
-    interface["locators"] = [
+    locators = [
         {
             **before.get(each.name, start),
             "name": each.name,
@@ -163,6 +182,7 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
         }
         for each in contacts
     ]
+    _hold(data, np.mean([each.position_mm for each in contacts], axis=0).tolist(), locators=locators)
     new = [each.name for each in contacts if each.name not in before]
     if not new:
         return (), []
@@ -171,6 +191,13 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     )
     at = "/interfaces/structure_connector/locators"
     return (words,), [f"{at}/{k}/half_width_mm" for k, each in enumerate(contacts) if each.name in new]
+
+
+def _hold(data: dict[str, Any], pivot_mm: Sequence[float], **way: Any) -> None:
+    """Another way of holding the structure on its connector, in place of what is there."""
+    interface = data.setdefault("interfaces", {}).get("structure_connector", {})
+    kept = {field: value for field, value in interface.items() if field not in (*WAYS_OF_HOLDING, "origin")}
+    data["interfaces"]["structure_connector"] = {**kept, "pivot_mm": [*pivot_mm], **way}
 
 
 def write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str, cage: CageForm | None = None) -> str:

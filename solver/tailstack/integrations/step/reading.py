@@ -47,6 +47,7 @@ class StepSelection:
     frame: str | None = None  # name of the coordinate system or part whose frame becomes con
     seats: str | None = None  # pattern of names of cylinders and coordinate systems: contacts along their axis
     pins: str | None = None  # pattern of names of cylinders and coordinate systems: contacts across their axis
+    pin_class: str | None = None  # ISO 286 class of the pins of a seat that the tolerances state; balls may lack then
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +90,8 @@ def read_step(
     or more than one thing can be meant by the selection; LimitError.
     """
     selection = selection or StepSelection()
-    file = Part21(content, name, (*WANTED, *WANTED_TOLERANCES))
-    if not any(schema.strip().upper().startswith(_SCHEMAS) for schema in file.schemas):
-        schema = ", ".join(file.schemas)[:80] or "no schema"
-        detail = f"AP203, AP214 and AP242 are read; {name} states {schema}"
-        raise StepError(Problem("", "unknown-format", detail, "export it as STEP AP214 or AP242", name))
-    assembly = Assembly(file)
-    to_con = _find_frame(assembly, selection.frame)
+    assembly, to_con = open_assembly(content, name, selection.frame)
+    file = assembly.file
     candidates = [*_find_bodies(assembly, selection, to_con)]
     if selection.diameter_mm is None:
         _refuse_several_diameters(candidates, name)
@@ -104,7 +100,7 @@ def read_step(
     if encoding:
         notes.append(f"{name}: {encoding}")
     left = [body for body in candidates if body.reason]
-    if not taken:
+    if not taken and selection.pin_class is None:
         raise _nothing_found(left, selection, name, encoding)
     if len(taken) > limits.fiducials:
         detail = f"{name} holds {len(taken)} such balls; a design has at most {limits.fiducials} fiducials"
@@ -127,6 +123,20 @@ def read_step(
     tolerances, doubts = read_tolerances(assembly, to_con)
     contacts = _contacts(assembly, selection, to_con)
     return StepReading(fiducials, tuple(bodies), contacts, (*fiducials.notes, *notes, *doubts), tolerances)
+
+
+def open_assembly(content: bytes, name: str, frame: str | None) -> tuple[Assembly, Array]:
+    """The assembly of a STEP file, and the matrix (4, 4) from its own frame, mm, to the one that is asked for.
+
+    Raises StepError, LimitError.
+    """
+    file = Part21(content, name, (*WANTED, *WANTED_TOLERANCES))
+    if not any(schema.strip().upper().startswith(_SCHEMAS) for schema in file.schemas):
+        schema = ", ".join(file.schemas)[:80] or "no schema"
+        detail = f"AP203, AP214 and AP242 are read; {name} states {schema}"
+        raise StepError(Problem("", "unknown-format", detail, "export it as STEP AP214 or AP242", name))
+    assembly = Assembly(file)
+    return assembly, _find_frame(assembly, frame)
 
 
 # --- what is asked for ------------------------------------------------------------------------------------
@@ -286,8 +296,8 @@ def _contacts(assembly: Assembly, selection: StepSelection, to_con: Array) -> tu
             raise StepError(Problem("", "pins-on-a-line", detail, "name two pins that are apart", name))
         along = other / np.linalg.norm(other)
         if index == 0:
-            contacts.append(StepContact(f"{label}.u"[-80:], _tuple(point), _tuple(_turn(along))))
-        contacts.append(StepContact(f"{label}.v"[-80:], _tuple(point), _tuple(_turn(np.cross(axis, along)))))
+            contacts.append(StepContact(f"{label}.u"[-80:], _tuple(point), _tuple(turn_positive(along))))
+        contacts.append(StepContact(f"{label}.v"[-80:], _tuple(point), _tuple(turn_positive(np.cross(axis, along)))))
     if len(contacts) != 6:
         pieces = f"{len(seats)} seats and {len(pins)} pins ({', '.join(each[0] for each in [*seats, *pins][:9])})"
         detail = f"{pieces} make {len(contacts)} contacts; a part is located by six"
@@ -315,18 +325,18 @@ def _find_axes(assembly: Assembly, pattern: str | None, to_con: Array) -> list[t
             hint = f"name a coordinate system whose z is its axis {pattern!r} instead, or narrow the pattern"
             raise assembly.file.refuse(body.number, "no-axis", detail, hint)
         matrix = to_con @ body.matrix
-        axes.append((body.names[0], matrix[:3, :3] @ axis[0] + matrix[:3, 3], _turn(matrix[:3, :3] @ axis[1])))
+        axes.append((body.names[0], matrix[:3, :3] @ axis[0] + matrix[:3, 3], turn_positive(matrix[:3, :3] @ axis[1])))
     taken = {label for label, _, _ in axes}
     for label, frame in assembly.frames:
         if fnmatchcase(label, pattern) and label not in taken:  # of a part, its body comes first
             matrix = to_con @ frame
-            axes.append((label, matrix[:3, 3], _turn(matrix[:3, 2])))
+            axes.append((label, matrix[:3, 3], turn_positive(matrix[:3, 2])))
     labels = _label([StepBody(label, "", None, None, "") for label, _, _ in axes])
     named = [(label, point, axis) for label, (_, point, axis) in zip(labels, axes, strict=True)]
     return sorted(named, key=lambda each: [part.zfill(9) for part in re.split(r"(\d+)", each[0])])
 
 
-def _turn(axis: Array) -> Array:
+def turn_positive(axis: Array) -> Array:
     """An axis as a unit vector whose largest component is positive: which way it points means nothing here."""
     unit = unit_vector(axis)
     return unit if axis[np.argmax(np.abs(axis))] >= 0 else -unit

@@ -1,0 +1,187 @@
+"""Seats that STEP files state (AP242 PMI), as the interfaces of designs: files of two writers, neither of them ours to
+read with (``examples/integrations/step/write_ap242.py`` and Open CASCADE, tests/data/step/tolerances.zip)."""
+
+from __future__ import annotations
+
+import copy
+import random
+import shutil
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from step_hostility import damage
+from write_ap242 import EXAMPLES, Hole, Plate, write_plate
+
+from plain_data import EXAMPLES as DESIGNS
+from plain_data import problems_of
+from tailstack import score
+from tailstack.design import compile_design, design_to_data, load_design
+from tailstack.errors import TailstackError
+from tailstack.integrations.conversion import convert
+from tailstack.integrations.step import StepSelection
+from tailstack.integrations.step.seat import read_drawn_seat
+
+SEAT = DESIGNS / "gallery" / "seat_from_cad.yaml"
+TURN = np.array([[2, -1, 2, 10], [2, 2, -1, -20], [-1, 2, 2, 5], [0, 0, 0, 3]]) / 3
+HOLES = (Hole((-30, 5), 6, "H7"), Hole((30, 5), 8, "F8", position=0.05, modifier="(M)"))
+PLATE = Plate((100, 60, 10), HOLES)
+DEVIATIONS = tuple(replace(each, fit="", limits=(0.03, 0.01)) for each in HOLES)
+
+
+@pytest.mark.parametrize(
+    "plate",
+    [
+        PLATE,
+        replace(PLATE, unit="m"),
+        replace(PLATE, unit="in", holes=DEVIATIONS),
+        replace(PLATE, pose=TURN),
+        replace(PLATE, form="PARALLELISM", zone=0.05, pose=TURN, unit="in"),
+        replace(PLATE, holes=[*DEVIATIONS[::-1], Hole((0, 0), 20)], size=(80, 100, 30)),
+    ],
+    ids=["plain", "metres", "inches", "turned", "parallelism", "a third hole without a tolerance"],
+)
+def test_a_seat_is_what_its_writer_was_told(plate: Plate) -> None:
+    """independent: the writer's own numbers, carried by the pose that it was given."""
+    seat = read_drawn_seat(write_plate(plate), "plate.step", "g6")
+    turn, at = plate.pose[:3, :3], plate.pose[:3, 3]
+    face, first, second = seat.features
+    assert seat.pivot_mm == pytest.approx(at, abs=1e-6)
+    assert {key: value for key, value in face.items() if key.endswith(("ness_mm", "ism_mm"))} == {
+        f"{plate.form.lower()}_mm": pytest.approx(plate.zone)
+    }
+    assert face["size_mm"] == pytest.approx(sorted(plate.size[:2], reverse=True))
+    assert np.abs(np.array(face["along"]) @ turn) == pytest.approx(
+        np.eye(3)[int(plate.size[1] > plate.size[0])], abs=1e-8
+    )
+    told = sorted((hole for hole in plate.holes if hole.fit or hole.limits), key=lambda hole: hole.at)
+    for feature, hole, kind in zip((first, second), told, ("pin_in_hole", "pin_in_slot"), strict=True):
+        assert feature["kind"] == kind
+        assert feature["position_mm"] == pytest.approx(turn @ [*hole.at, 0] + at, abs=1e-6)
+        assert np.abs(np.array(feature["normal"]) @ turn) == pytest.approx([0, 0, 1], abs=1e-8)
+        assert np.array(feature["along"]) @ turn == pytest.approx([1, 0, 0], abs=1e-8)
+        assert feature["diameter_mm"] == pytest.approx(hole.diameter)
+        assert feature.get("fit") == (f"{hole.fit}/g6" if hole.fit else None)
+        assert feature.get("hole_mm") == (None if hole.limits is None else pytest.approx(hole.limits))
+        assert feature.get("true_position_mm") == (None if hole.position is None else pytest.approx(hole.position))
+        assert feature.get("at_maximum_material", False) == (hole.modifier == "(M)")
+
+
+def test_another_writers_seats_are_what_it_was_told() -> None:
+    """independent: Open CASCADE, told a plate of 60 x 40, flatness 0.05, holes of 5 mm at x = -20 and 20."""
+    with zipfile.ZipFile(Path(__file__).parents[1] / "data" / "step" / "tolerances.zip") as archive:
+        plain, turned, inch = (archive.read(f"occ_plate_{name}.step") for name in ("deviations", "turned", "inch"))
+    face, first, second = read_drawn_seat(plain, "plain.step", "h6").features
+    assert (face["size_mm"], face["flatness_mm"]) == ([60, 40], 0.05)
+    assert [each["position_mm"] for each in (first, second)] == [[-20, 5, 0], [20, 5, 0]]
+    assert [each["hole_mm"] for each in (first, second)] == [[0.012, 0], [0.03, 0]]
+    assert all(each["true_position_mm"] == 0.1 and each["at_maximum_material"] for each in (first, second))
+    assert first["pin_mm"] == [0, -0.008]
+    seat = read_drawn_seat(turned, "turned.step", "g6")
+    assert any("check F10, G8" in remark for remark in seat.remarks)
+    apart = np.subtract(seat.features[2]["position_mm"], seat.features[1]["position_mm"])
+    assert np.linalg.norm(apart) == pytest.approx(60)
+    assert apart / 60 == pytest.approx(seat.features[1]["along"])
+    (problem,) = problems_of(lambda: read_drawn_seat(inch, "inch.step", "g6"))
+    assert problem.code == "wrong-size"
+    assert "of a hole of 6.35 mm" in problem.detail
+
+
+@pytest.mark.parametrize(
+    ("plate", "pin_class", "code", "word"),
+    [
+        (replace(PLATE, form="PERPENDICULARITY"), "g6", "no-seat", "one plane face"),
+        (replace(PLATE, holes=HOLES[:1]), "g6", "no-seat", "has 1: diameter 6 H7"),
+        (replace(PLATE, holes=[*HOLES, Hole((0, 0), 5, "H7")]), "g6", "no-seat", "has 3: diameter 6 H7, diameter 8 F8"),
+        (replace(PLATE, holes=DEVIATIONS), "k6", "unknown-fit", "of shafts d, e"),
+        (PLATE, "k6", "unknown-fit", "of shafts d, e"),
+        (PLATE, "m6", "interference", "larger than the hole"),
+    ],
+)
+def test_what_states_no_seat_is_refused(tmp_path: Path, plate: Plate, pin_class: str, code: str, word: str) -> None:
+    data = yaml.safe_load(SEAT.read_text())
+    del data["interfaces"]["connector_flange"]
+    drawing = {"file": "seat.step", "pin_class": pin_class}
+    data["interfaces"]["structure_connector"]["drawing"] = drawing
+    (tmp_path / "seat.step").write_bytes(write_plate(plate))
+    (problem, *_) = problems_of(lambda: load_design(data, base_directory=tmp_path))
+    assert (problem.code, problem.pointer) == (code, "/interfaces/structure_connector/drawing")
+    assert word in problem.detail
+
+
+def test_every_value_is_named_and_so_is_what_is_left() -> None:
+    holes = [replace(HOLES[0], position=0.02, modifier="(L)"), HOLES[1], Hole((0, 20), 4)]
+    remarks = read_drawn_seat(write_plate(replace(PLATE, holes=holes)), "plate.step", "g6").remarks
+    assert remarks == [
+        "the seat is flatness 0.02; diameter 6 H7; diameter 8 F8; position Ø0.05 (M) | A; pins g6",
+        "not in the seat: position Ø0.02 (L) | A; diameter 4",
+    ]
+
+
+def test_the_example_has_no_half_width_and_its_files_are_those_of_their_writer() -> None:
+    assert "half_width" not in SEAT.read_text()
+    for name, plate in EXAMPLES.items():
+        assert (SEAT.parent / name).read_bytes() == write_plate(plate, name.partition(".")[0])
+
+
+def test_a_design_with_drawings_is_that_with_their_features_written_out(tmp_path: Path) -> None:
+    design = load_design(SEAT)
+    assert design.files == [*EXAMPLES]
+    assert "drawing" in design_to_data(design, inline=False)["interfaces"]["structure_connector"]
+    alone = design_to_data(design)
+    assert [*alone["interfaces"]["structure_connector"]] == ["label", "pivot_mm", "features", "origin"]
+    again = load_design(alone)
+    assert again.sha256 == design.sha256
+    assert score(again).targets[0].p95_mm == score(design).targets[0].p95_mm
+    assert compile_design(again).notes == compile_design(design).notes
+    stated = copy.deepcopy(alone)
+    for interface in stated["interfaces"].values():
+        del interface["origin"]
+    assert load_design(stated).sha256 == design.sha256
+    shutil.copytree(SEAT.parent, tmp_path, dirs_exist_ok=True)
+    name, plate = next(iter(EXAMPLES.items()))
+    (tmp_path / name).write_bytes(write_plate(replace(plate, zone=0.03)))
+    assert load_design(tmp_path / SEAT.name).sha256 != design.sha256
+    (tmp_path / name).unlink()
+    (problem,) = problems_of(lambda: load_design(tmp_path / SEAT.name))
+    assert (problem.code, problem.pointer) == ("file-not-found", "/interfaces/structure_connector/drawing")
+
+
+def test_what_is_assumed_of_a_drawing_stays_so_when_its_features_are_written_out() -> None:
+    pointer = "/interfaces/structure_connector"
+    data = yaml.safe_load(SEAT.read_text()) | {"assumed": [f"{pointer}/drawing/pin_class"]}
+    alone = design_to_data(load_design(data, base_directory=SEAT.parent))
+    assert alone["assumed"] == [f"{pointer}/features"]
+    assert load_design(alone).document.assumed == alone["assumed"]
+
+
+@pytest.mark.parametrize("beads", [(), ((-20, -15, 30), (20, -15, 34), (-20, 15, 38))])
+def test_convert_puts_the_seat_into_a_design(beads: Any) -> None:
+    """A file without balls keeps those of the design."""
+    content, base = write_plate(replace(PLATE, beads=beads)), load_design(DESIGNS / "demo.yaml")
+    made = convert(content, "s.step", "d.json", base=base, selection=StepSelection(pin_class="g6"))
+    interface = yaml.safe_load(made.text)["interfaces"]["structure_connector"]
+    assert [feature["name"] for feature in interface["features"]] == ["face", "pin 1", "pin 2"]
+    assert "tolerances" not in interface
+    assert made.fiducials.positions_mm == (beads or base.fiducials.positions_mm)
+    assert any("the seat is flatness 0.02" in note for note in made.notes)
+    if not beads:
+        (problem,) = problems_of(lambda: convert(content, "s.step", "d.csv", selection=StepSelection(pin_class="g6")))
+        assert problem.code == "no-ball"
+
+
+@pytest.mark.hostile
+def test_damaged_drawings_are_read_or_refused(run_seed: int) -> None:
+    """No other exception than one of ours, in 120 files."""
+    draw, content, read = random.Random(run_seed), write_plate(PLATE), 0
+    for _ in range(120):
+        try:
+            read_drawn_seat(damage(content, draw), "mutant.step", "g6")
+            read += 1
+        except TailstackError:
+            continue
+    assert read > 12
