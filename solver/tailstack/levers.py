@@ -92,6 +92,8 @@ def _least_half_widths(document: DesignDocument) -> Least:
     if section.translation_bounds is not None:
         least |= dict.fromkeys(list_declared(document, TRANSLATIONS), section.translation_bounds.min_mm)
     for free in section.tolerances:
+        if getattr(document.interfaces, free.interface).features is not None:
+            continue  # what a seat can reach is told of the whole of it
         widths = [getattr(grade, f"half_width_{free.unit}") for grade in free.grades or ()]
         smallest = min(widths or [getattr(free, f"min_{free.unit}")])
         least[free.interface, free.component] = radians(smallest) if free.unit == "deg" else smallest

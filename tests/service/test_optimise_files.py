@@ -19,7 +19,10 @@ from optimisation_scenes import full_result
 from service_scenes import EXAMPLES
 
 from tailstack.design import Revision, design_to_data, load_design, revise_design
+from tailstack.optimisation import optimise
 from tailstack.results import Finding, Optimisation
+from tailstack_service.cli.main import main
+from tailstack_service.operations.optimisation import OPERATION
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
 
@@ -229,3 +232,21 @@ def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple
     assert "    - { label: F1, position_mm: [1.25, -2.5, 3.75] }" in out or "position_mm: [1.25, -2.5, 3.75] }" in out
     made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(out))
     assert load_design(made).sha256 == moved.sha256
+
+
+def test_values_of_a_drawing_come_back_as_a_table_and_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a seat that was read from a file of CAD: it is written out, and is no longer said to be that of the file."""
+    target, source = tmp_path / "new.yaml", EXAMPLES / "gallery" / "seat_from_cad.yaml"
+    result = optimise(load_design(source))
+    monkeypatch.setattr("tailstack.optimise", lambda _design, **_options: result, raising=False)
+    assert main(["optimise", str(source), "--csv", "-o", str(target)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "interface,tolerance,before,after,unit,cost_before,cost_after"
+    assert lines[2].startswith('structure_connector,"pin 1 fit, pin 2 fit",H7/g6,')
+    after = lines[2].split(",")[4]
+    seats = yaml.safe_load(target.read_text(encoding="utf-8"))["interfaces"].values()
+    assert [feature["fit"] for feature in next(iter(seats))["features"][1:]] == [after] * 2
+    assert [{"origin", "drawing"} & seat.keys() for seat in seats] == [set(), set()]
+    assert f"pin 1 fit, pin 2 fit H7/g6 → {after}" in " ".join(OPERATION.write(result).split())

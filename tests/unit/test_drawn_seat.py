@@ -104,7 +104,7 @@ def test_another_writers_seats_are_what_it_was_told() -> None:
 )
 def test_what_states_no_seat_is_refused(tmp_path: Path, plate: Plate, pin_class: str, code: str, word: str) -> None:
     data = yaml.safe_load(SEAT.read_text())
-    del data["interfaces"]["connector_flange"]
+    del data["interfaces"]["connector_flange"], data["optimise"]
     drawing = {"file": "seat.step", "pin_class": pin_class}
     data["interfaces"]["structure_connector"]["drawing"] = drawing
     (tmp_path / "seat.step").write_bytes(write_plate(plate))

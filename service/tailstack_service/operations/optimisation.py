@@ -22,7 +22,7 @@ from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags
 from ..console.parser import program
 from ..console.progress import Progress
-from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
+from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
 
 if TYPE_CHECKING:
@@ -123,6 +123,7 @@ def _repeat(again: Repetition) -> Again:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
+    parser.add_argument("--csv", action="store_true", help="print one line of CSV for each tolerance that was free")
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
     parser.add_argument(
         "--fiducials-out",
@@ -151,6 +152,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
     if arguments.json:
         print(following, file=sys.stderr)
         return Answer(to_json(result), code)
+    if arguments.csv and OPERATION.csv is not None:
+        print(following, file=sys.stderr)
+        return Answer(OPERATION.csv.write(result), code)
     patch = ""
     if files.design is None:
         name = design.source.file or "the design"
@@ -275,5 +279,6 @@ OPERATION = Operation(
     hold=_hold,
     demand=lambda record: Demand(starts=record.certificate.starts, starts_at="/certificate/starts", checks=0),
     repeat=_repeat,
+    csv=Csv("tolerance that was free", LateImport("..report.chapters.optimisation", "changes_csv")),
     command=Command(_add_arguments, _run),
 )

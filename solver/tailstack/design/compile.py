@@ -5,7 +5,7 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -50,7 +50,7 @@ from .document import (
     Interface,
     RequirementDocument,
 )
-from .features import MOTIONS, ROUND, Feature, FittedFeature
+from .features import MOTIONS, ROUND, Feature, FittedFeature, Part
 from .fiducial_files import list_notes
 from .frames import compile_transform, read_surface_of
 from .loading import Design
@@ -206,7 +206,7 @@ def _interface(interface: Interface | None, name: str, notes: list[str]) -> Dire
         ]
         sources = gather_sources(stated, 6)
     elif interface.features is not None:
-        sources, middle = _torsor_of_features(interface.features, pivot, f"/interfaces/{name}/features")
+        sources, middle = torsor_of_features(interface.features, pivot, f"/interfaces/{name}/features")
         known = frozen(known + middle)
         notes += [] if interface.origin is None else list_notes(interface.origin)
         notes += [f"{name} {each.name}, {each.words}" for each in interface.features]
@@ -214,9 +214,14 @@ def _interface(interface: Interface | None, name: str, notes: list[str]) -> Dire
     return mount(name, pivot, known, sources, interface.label, interface.drawn)
 
 
-def _torsor_of_features(features: Sequence[Feature], pivot_mm: Array, pointer: str) -> tuple[Sources, Array]:
+def torsor_of_features(
+    features: Sequence[Feature],
+    pivot_mm: Array,
+    pointer: str,
+    instead: Mapping[tuple[str, str], Sequence[Part]] | None = None,
+) -> tuple[Sources, Array]:
     """The scalars of every item of these features, each group of them one line of the budget, and the torsor (6,) of
-    the middles of what they state, to first order."""
+    the middles of what they state, to first order.  ``instead``: other scalars of items, by feature and item."""
     contacts = [contact for feature in features for contact in feature.contacts]
     spare = contacts[:1] * (MOTIONS - len(contacts))  # said twice, a contact holds nothing more: the rest is named
     points, normals = (np.array(each) for each in zip(*contacts, *spare, strict=True))
@@ -229,13 +234,14 @@ def _torsor_of_features(features: Sequence[Feature], pivot_mm: Array, pointer: s
         middle += own @ feature.offset
         for item in feature.items():
             name, begin = f"{feature.name} {item.name}", len(stated)
+            parts = (instead or {}).get((feature.name, item.name), item.parts)
             stated += [
                 Source(
                     name if k == 0 else f"{name}, {k + 1}", part.law, part.half_width, None, "mm", own @ part.weights
                 )
-                for k, part in enumerate(item.parts)
+                for k, part in enumerate(parts)
             ]
-            together += [tuple(range(begin, len(stated)))] if len(item.parts) > 1 else []
+            together += [tuple(range(begin, len(stated)))] if len(parts) > 1 else []
     return replace(gather_sources(stated, 6), together=tuple(together)), middle
 
 

@@ -24,6 +24,7 @@ from ..measures.rigid_body import condition_number, spread_of
 from ..results import Vector3
 from ..system import ROTATIONS, TRANSLATIONS, Target
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, RigidBody, TargetDocument
+from .drawn import check_freed
 from .fiducial_files import FiducialList
 from .optimise_document import AddedView, FreeView
 from .presets import PRESETS
@@ -292,9 +293,11 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             problems += find_unknown(f"{pointer}/component", "locator", free.component, names)
             continue
         if interface is not None and interface.features is not None:
-            detail = f"{free.interface} is stated by features, which stay as they are drawn here"
-            cure = "leave it out, or state the interface by tolerances or locators"
-            problems.append(Problem(f"{pointer}/interface", "features-stay", detail, cure))
+            problems += check_freed(interface.features, free, pointer, document.optimise.grade_prices)
+            continue
+        if free.also or any(grade.drawn is not None for grade in free.grades or ()):
+            detail = f"{free.interface} has no features: values of a drawing say nothing of it"
+            problems.append(Problem(pointer, "unused-field", detail, "give half-widths, and leave out also"))
             continue
         if free.component not in (*ROTATIONS, *TRANSLATIONS):
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))

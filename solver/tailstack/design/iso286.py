@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
+from collections.abc import Iterable
 from typing import NamedTuple
 
 STEPS_MM = (3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500)  # a step is above the one before, and to this
@@ -79,6 +80,12 @@ def find_deviations(tolerance_class: str, diameter_mm: float) -> Deviations:
     else:
         lower = float(BELOW_UM[letter.lower()][step])
     return Deviations((lower + width) / 1000, lower / 1000)
+
+
+def find_grade(width_mm: float, size_mm: float, among: Iterable[int]) -> int | None:
+    """The coarsest of these grades whose zone is no wider, for a size up to 500 mm; None: it is finer than all."""
+    step = bisect_left(STEPS_MM[:-1], size_mm)
+    return max((grade for grade in among if WIDTHS_UM[grade][step] <= 1000 * width_mm * (1 + 1e-9)), default=None)
 
 
 def read_fit(fit: str, diameter_mm: float) -> tuple[Deviations, Deviations]:

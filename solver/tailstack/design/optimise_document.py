@@ -60,6 +60,8 @@ _Weight = Annotated[float, Field(gt=0, le=1e9), MONEY]
 _Degrees = Annotated[float, Field(ge=1e-4, le=10), FREE_DEG]
 _Millimetres = Annotated[float, Field(ge=1e-5, le=100), FREE_MM]
 _Spacing = Annotated[float, Field(ge=0, le=1e4), DISTANCE_PX]
+ToleranceGrade = Literal["IT5", "IT6", "IT7", "IT8", "IT9", "IT10", "IT11"]
+Price = Annotated[float, Field(ge=0, le=1e9), MONEY]
 _Count = Annotated[int, Field(ge=6, le=1000), COUNT]
 
 
@@ -214,23 +216,52 @@ class CostCurve(Record):
 
 
 class Grade(Record):
-    """One process and what it costs."""
+    """One process, or one value of a drawing, and what it costs."""
 
-    name: Name = Field(description="Name of the process grade, unique in its table.", examples=["ground, IT5"])
+    name: Name | None = Field(
+        default=None,
+        description="Name of the process grade, unique in its table. Default, of a value of a drawing, that value.",
+        examples=["ground, IT5"],
+    )
     half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] | None = Field(
         default=None, description="Half-width it holds, degrees (rotations).", examples=[0.05]
     )
     half_width_mm: Annotated[HalfWidth, SEAT_MM] | None = Field(
         default=None, description="Half-width it holds, mm (translations and locators).", examples=[0.01]
     )
-    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(description="What it costs.", examples=[120.0])
+    fit: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None, description="Fit of ISO 286 of the feature of a drawing.", examples=["H7/f7"]
+    )
+    zone_mm: Annotated[float, Field(gt=0, le=10), SEAT_MM] | None = Field(
+        default=None,
+        description="Flatness, parallelism, position or profile of the feature of a drawing, mm.",
+        examples=[0.05],
+    )
+    price: Price | None = Field(
+        default=None,
+        description="What it costs. Default, of a value of a drawing, what grade_prices say.",
+        examples=[120.0],
+    )
+
+    @property
+    def drawn(self) -> str | float | None:
+        """The value of a drawing."""
+        return self.fit if self.fit is not None else self.zone_mm
+
+    @property
+    def called(self) -> str:
+        """Its name, or what is drawn."""
+        return self.name or (f"{self.drawn:g}" if isinstance(self.drawn, float) else self.drawn or "")
 
     @model_validator(mode="after")
-    def _one_width(self) -> Grade:
-        if (self.half_width_deg is None) == (self.half_width_mm is None):
-            raise refusal("one-of", "give exactly one of half_width_deg and half_width_mm")
-        if not (self.half_width_deg or self.half_width_mm):
+    def _one_value(self) -> Grade:
+        fields = ("half_width_deg", "half_width_mm", "fit", "zone_mm")
+        if sum(getattr(self, field) is not None for field in fields) != 1:
+            raise refusal("one-of", f"give exactly one of {', '.join(fields)}")
+        if self.drawn is None and not (self.half_width_deg or self.half_width_mm):
             raise refusal("out-of-range", "a grade holds a half-width above zero; 0 arrived")
+        if self.drawn is None and (self.price is None or self.name is None):
+            raise refusal("missing-field", "a process grade has a name and a price")
         return self
 
 
@@ -275,7 +306,14 @@ class FreeTolerance(Record):
 
     interface: InterfaceName = Field(description="Which interface.", examples=["structure_connector"])
     component: Name = Field(
-        description="rx, ry, rz (rotations), tx, ty, tz (translations), or the name of a locator.", examples=["rz"]
+        description="rx, ry, rz (rotations), tx, ty, tz (translations), the name of a locator, or what a feature "
+        "states, by the name of its line in the budget: face flatness, pin 1 fit.",
+        examples=["rz"],
+    )
+    also: Annotated[list[Name], Field(max_length=11)] = Field(
+        default=[],
+        description="More that features of this interface state, made alike: they get the same value, for one price.",
+        examples=[["pin 2 fit"]],
     )
     min_deg: _Degrees | None = Field(default=None, description="Rotation: smallest half-width.", examples=[0.01])
     max_deg: _Degrees | None = Field(default=None, description="Rotation: largest half-width.", examples=[0.5])
@@ -294,6 +332,8 @@ class FreeTolerance(Record):
         description="Process grades to choose from, instead of bounds and a curve; for every free tolerance, with "
         "objective: cost only.",
     )
+
+    _as_before = leave_out_later({"also": []})
 
     @property
     def unit(self) -> Literal["deg", "mm"]:
@@ -319,13 +359,14 @@ class FreeTolerance(Record):
     def _check_grades(self, bounds: list[float | None], unit: str) -> None:
         if any(bound is not None for bound in bounds) or self.cost is not None:
             raise refusal("one-of", "give grades, or bounds with a cost curve; both arrived", at="grades")
-        names = [grade.name for grade in self.grades or ()]
-        for index, grade in enumerate(self.grades or ()):
-            if getattr(grade, f"half_width_{unit}") is None:
+        grades = self.grades or []
+        names, drawn = [grade.called for grade in grades], all(grade.drawn is not None for grade in grades)
+        for index, grade in enumerate(grades):
+            if not drawn and getattr(grade, f"half_width_{unit}") is None:
                 at = f"grades/{index}"
                 raise refusal("missing-field", f"{self.component} needs half_width_{unit} in each grade", at=at)
-            if grade.name in names[:index]:
-                raise refusal("duplicate-name", f"two grades are called {grade.name!r}", at=f"grades/{index}/name")
+            if grade.called in names[:index]:
+                raise refusal("duplicate-name", f"two grades are called {grade.called!r}", at=f"grades/{index}")
 
 
 def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
@@ -452,6 +493,12 @@ class Optimise(Record):
         description="Frees every translational tolerance that the two interfaces declare, likewise.",
     )
     tolerances: list[FreeTolerance] = Field(default=[], description="Tolerances that are free, one by one.")
+    grade_prices: Annotated[dict[ToleranceGrade, Price], Field(min_length=1)] | None = Field(
+        default=None,
+        description="What the standard tolerance grades of ISO 286 cost, for grades of a drawing without a price: a "
+        "fit costs those of its hole and its pin, a zone the coarsest that is as narrow on the size of its feature.",
+        examples=[{"IT6": 60, "IT7": 35, "IT8": 20}],
+    )
     pivots: Annotated[list[FreePivot], Field(max_length=2)] = Field(
         default=[], description="Pivots that may move. Default none."
     )
@@ -462,7 +509,7 @@ class Optimise(Record):
         default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
     )
 
-    _as_before = leave_out_later({"fewest_moves": False})
+    _as_before = leave_out_later({"fewest_moves": False, "grade_prices": None})
 
     @property
     def frees_tolerances(self) -> bool:
@@ -501,9 +548,13 @@ class Optimise(Record):
             raise refusal("one-of", "count needs one region for all: give box or region, not regions", at="count")
         self._check_objective()
         for field in ("tolerances", "pivots"):
-            seen = [(free.interface, getattr(free, "component", "")) for free in getattr(self, field)]
-            for index, pair in enumerate(seen):
-                if pair in seen[:index]:
+            named = [
+                (index, (free.interface, name))
+                for index, free in enumerate(getattr(self, field))
+                for name in (getattr(free, "component", ""), *getattr(free, "also", ()))
+            ]
+            for k, (index, pair) in enumerate(named):
+                if pair in [other for _, other in named[:k]]:
                     what = ".".join(filter(None, pair))
                     raise refusal("duplicate-name", f"{what} is freed twice", at=f"{field}/{index}")
         return self

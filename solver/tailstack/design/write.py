@@ -18,6 +18,8 @@ from ..results.json_text import write_json
 from ..system import ROTATIONS
 from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView
+from .drawn import find_drawn, redraw_data
+from .features import Feature
 from .frames import FRAME_FIELDS
 from .loading import (
     Design,
@@ -151,6 +153,7 @@ class Revision:
     fiducials_mm: Array | None = None  # (N, 3) con; None: they stay
     half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (interface, component or locator)
     pivot_mm: Mapping[str, Array] = field(default_factory=dict)  # (3,) con
+    drawn: Mapping[tuple[str, str], str | float] = field(default_factory=dict)  # (interface, feature and item)
 
 
 def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIMITS) -> Design:
@@ -175,9 +178,23 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
         forget_missing_labels(data, set(labels))
     for (contributor, component), value in change.half_width.items():
         _set_half_width(data["interfaces"][contributor], component, float(value))
+    for (contributor, name), drawn in change.drawn.items():
+        features = getattr(design.document.interfaces, contributor).features
+        _redraw(data["interfaces"][contributor], features, name, drawn)
     for contributor, position in change.pivot_mm.items():
         data["interfaces"][contributor]["pivot_mm"] = [float(value) for value in position]
     return load_design(follow_changes(before, data), limits=limits)
+
+
+def _redraw(interface: dict[str, Any], features: Sequence[Feature], name: str, value: str | float) -> None:
+    """What a feature states, another value; then it is no longer as in the file that it was read from."""
+    feature, item = find_drawn(features)[name]
+    index = list(features).index(feature)
+    old = interface["features"][index]
+    new = redraw_data(old, item, value)
+    if new != old:
+        interface.pop("origin", None)
+        interface["features"][index] = new
 
 
 def _set_half_width(interface: dict[str, Any], component: str, value: float) -> None:

@@ -248,7 +248,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     for index, source in enumerate(terms.sources):
         if source.free is None:
             continue
-        moved = gains[index] * choice.half_width[source.free]
+        moved = gains[index] * source.size(choice.half_width)
         if index in ends:
             widths[source.free] += float(slopes.by.by_mean @ moved) * ends[index]
         else:
@@ -388,9 +388,9 @@ def error_moments(
     ends = {index: signs[b] for b, index in enumerate(terms.at_ends)}
     for index, source in enumerate((*terms.sources, *terms.common)):
         gain = plain(gains[index]) if gains[index].dtype != object else gains[index]
-        if source.free is None and source.half_width == 0:
+        if (source.half_width if source.free is None else source.ratio) == 0:
             continue
-        size = source.half_width if source.free is None else half_width[source.free]
+        size = source.size(half_width)
         if index in ends:
             mean = mean + times(gain, ends[index] * size)
             continue

@@ -278,7 +278,7 @@ def is_bias_moved(problem: PlacementProblem) -> bool:
 def columns_with(term: DemandTerms, half_width: Array) -> Columns:
     """Of what acts outside the images, at half-widths (K,); what is bounded has no law, and at its worse end adds."""
     sources = term.sources
-    widths = np.array([half_width[each.free] if each.free is not None else each.half_width for each in sources])
+    widths = np.array([each.size_at(half_width) for each in sources])
     std = widths * np.array([each.std_per_half_width for each in sources])
     kinds = np.array([KIND[each.law] for each in sources], dtype=np.int64)
     gains = np.ascontiguousarray(term.gains.base.T)

@@ -317,7 +317,7 @@ def list_changes(
         changes.append(
             ChangedTolerance(
                 contributor=free.contributor,
-                component=free.component,
+                component=", ".join((free.component, *free.also)),
                 label=in_words(problem, k),
                 unit=unit,
                 before_half_width=old,
@@ -327,6 +327,7 @@ def list_changes(
                 cost_before=cost_before if np.isfinite(cost_before) else None,
                 cost_after=cost_of(free.price, after),
                 grade=grade,
+                before_drawn=None if free.drawn is None else free.drawn.now,
             )
         )
     return tuple(changes)

@@ -66,6 +66,12 @@ def drop_dominated(grades: tuple[PricedGrade, ...]) -> tuple[PricedGrade, ...]:
     return tuple(remaining)
 
 
+def name_of(price: Price, half_width: float) -> str | None:
+    """Of the cheapest grade that holds a half-width; None: none does."""
+    held = [grade for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
+    return min(held, key=lambda grade: grade.price).name if held else None
+
+
 def cost_of(price: Price, half_width: float) -> float:
     """Cost of holding a half-width; inf where no grade does, or at zero on a power law."""
     if price.curve == "grades":

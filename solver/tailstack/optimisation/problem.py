@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..design.drawn import DrawnValues
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
 from ..levels import Drawn
@@ -38,6 +39,17 @@ class FreeHalfWidth:
     maximum: float
     price: Price
     pointer: str = "/optimise/tolerances"  # where the user gave the bounds
+    drawn: DrawnValues | None = None  # of a drawing: half-widths are sizes, and component its name
+    also: tuple[str, ...] = ()  # what else of the drawing has the same value
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its sources."""
+        return (self.component,) if self.drawn is None else self.drawn.names
+
+    def half_widths_at(self, value: float) -> Array:
+        """(n,) of its sources."""
+        return np.array([value]) if self.drawn is None else self.drawn.half_widths_at(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -371,15 +383,15 @@ def label_of(problem: PlacementProblem, contributor: str) -> str:
 
 
 def source_of(problem: PlacementProblem, free: FreeHalfWidth) -> tuple[Sources, int]:
-    """The sources that a free half-width is one of, and which."""
+    """The sources that a free half-width is one of, or the first of, and which."""
     sources = mount_named(problem.system, free.contributor).sources
-    return sources, sources.names.index(free.component)
+    return sources, sources.names.index(free.names[0])
 
 
 def in_words(problem: PlacementProblem, index: int) -> str:
     """What the user calls a free half-width: the interface's label and the component."""
     free = problem.half_widths[index]
-    return f"{label_of(problem, free.contributor)} {free.component}"
+    return f"{label_of(problem, free.contributor)} {', '.join((free.component, *free.also))}"
 
 
 def unit_of(problem: PlacementProblem, index: int) -> str:
@@ -395,8 +407,11 @@ def for_people(problem: PlacementProblem, index: int, value: float) -> tuple[flo
 
 def present_choice(problem: PlacementProblem) -> Choice:
     """Everything as it is in the system."""
-    each = (source_of(problem, free) for free in problem.half_widths)
-    widths = [float(sources.half_width[j]) for sources, j in each]
+    widths = []
+    for free in problem.half_widths:
+        sources = mount_named(problem.system, free.contributor).sources
+        own = sources.half_width[[sources.names.index(name) for name in free.names]]
+        widths.append(float(own[0]) if free.drawn is None else free.drawn.size_of(own))
     pivots = [mount_named(problem.system, free.contributor).pivot_mm for free in problem.pivots]
     return Choice(problem.system.fiducials_mm, np.array(widths), np.array(pivots).reshape(-1, 3))
 
@@ -422,7 +437,7 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
     for free, value in zip(problem.half_widths, choice.half_width, strict=True):
         mount = mounts[free.contributor]
         widths = mount.sources.half_width.copy()
-        widths[mount.sources.names.index(free.component)] = value
+        widths[[mount.sources.names.index(name) for name in free.names]] = free.half_widths_at(float(value))
         mounts[free.contributor] = replace(mount, sources=replace(mount.sources, half_width=frozen(widths)))
     first, second = (mounts[mount.name] for mount in problem.system.interfaces)
     system = replace(

@@ -274,7 +274,7 @@ def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Arr
     lever = np.zeros(len(problem.half_widths))
     for source, gain in zip(terms.sources, terms.gains.at(pivot_shift_of(problem, choice)), strict=True):
         if source.free is not None:
-            lever[source.free] = float(np.linalg.norm(gain))
+            lever[source.free] = float(np.hypot(lever[source.free], source.ratio * np.linalg.norm(gain)))
     return lever
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, degrees, floor, inf, log10, radians
+from typing import Any
 
 import numpy as np
 
 from tailstack.fields import INTERFACES
 
 from ..design import Design, Revision, compile_design, revise_design
+from ..design.compile import torsor_of_features
 from ..design.consistency import list_declared
+from ..design.drawn import find_drawn, price_of, read_values
+from ..design.features import Feature
 from ..design.frames import mesh_of
 from ..design.optimise_document import (
     CostCurve,
@@ -32,9 +36,9 @@ from ..design.optimise_document import (
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
 from ..measures import MEASURE, POINTS
-from ..system import ROTATIONS, TRANSLATIONS, Requirement, System
+from ..system import ROTATIONS, TRANSLATIONS, Requirement, System, put_mounts
 from .matching import list_places, match
-from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
+from .prices import Price, PricedGrade, cost_of, name_of, of_grades, reciprocal, slope_of
 from .problem import (
     MOST_FIDUCIALS,
     ROUNDED,
@@ -79,8 +83,7 @@ def read_request(design: Design) -> OptimiseRequest:
             )
         )
     # The search has all fiducials in every shot; what missing them adds is measured by the check of what it finds.
-    system = replace(compile_design(design), loss_probability=())
-    half_widths = _half_widths(design, section)
+    system, half_widths = _half_widths(design, section, replace(compile_design(design), loss_probability=()))
     kind = "cost" if section.goal == "pareto" else section.goal
     requirements = _requirements(system, section.requirement)
     if section.goal == "pareto" and not any(MEASURE[item.error] in POINTS for item in requirements):
@@ -198,8 +201,9 @@ def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tup
     )
 
 
-def _half_widths(design: Design, section: Optimise) -> tuple[FreeHalfWidth, ...]:
-    """The half-widths set free: those listed, and all others of a kind that has common bounds; in the chain's order."""
+def _half_widths(design: Design, section: Optimise, system: System) -> tuple[System, tuple[FreeHalfWidth, ...]]:
+    """The half-widths set free: those listed, and all others of a kind that has common bounds; in the chain's order.
+    And the system, with places for all values of a drawing that are free."""
     listed = {(free.interface, free.component): index for index, free in enumerate(section.tolerances)}
     half_widths: list[FreeHalfWidth] = []
     for bounds, components, pointer in (
@@ -214,16 +218,41 @@ def _half_widths(design: Design, section: Optimise) -> tuple[FreeHalfWidth, ...]
             for interface, component in list_declared(design.document, components)
             if (interface, component) not in listed
         ]
-    half_widths += [
-        _read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(section.tolerances)
-    ]
+    for index, free in enumerate(section.tolerances):
+        if getattr(design.document.interfaces, free.interface).features is None:
+            half_widths.append(_read_listed(free, f"/optimise/tolerances/{index}"))
+    for name in INTERFACES:
+        interface = getattr(design.document.interfaces, name)
+        own = [(index, free) for index, free in enumerate(section.tolerances) if free.interface == name]
+        if own and interface.features is not None:
+            drawn = [_read_drawn(index, free, interface.features, section.grade_prices) for index, free in own]
+            places = {key: parts for each in drawn if each.drawn for key, parts in each.drawn.places.items()}
+            sources, _ = torsor_of_features(interface.features, np.array(interface.pivot_mm), "", places)
+            mount = replace(getattr(system, name), sources=sources)
+            system = put_mounts(system, *(mount if each.name == name else each for each in system.interfaces))
+            half_widths += drawn
     order = (*ROTATIONS, *TRANSLATIONS)  # locators follow, in the order of the document
 
     def place(free: FreeHalfWidth) -> tuple[int, int]:
         component = order.index(free.component) if free.component in order else len(order)
         return INTERFACES.index(free.contributor), component
 
-    return tuple(sorted(half_widths, key=place))
+    return system, tuple(sorted(half_widths, key=place))
+
+
+def _read_drawn(
+    index: int, free: FreeTolerance, features: Sequence[Feature], prices: Mapping[Any, float] | None
+) -> FreeHalfWidth:
+    feature, _ = find_drawn(features)[free.component]
+    values = read_values(features, free)
+    price = of_grades(
+        tuple(
+            PricedGrade(grade.called, size, price_of(feature, grade, prices) or 0.0)
+            for grade, size in zip(free.grades or (), values.sizes[1:], strict=True)
+        )
+    )
+    bounds, pointer = (min(values.sizes[1:]), max(values.sizes[1:])), f"/optimise/tolerances/{index}"
+    return FreeHalfWidth(free.interface, free.component, *bounds, price, pointer, values, tuple(free.also))
 
 
 def _bounds(bounds: RotationBounds | TranslationBounds) -> tuple[float, float]:
@@ -245,7 +274,7 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     native = radians if free.unit == "deg" else float
     if free.grades is not None:
         grades = tuple(
-            PricedGrade(grade.name, native(getattr(grade, f"half_width_{free.unit}")), grade.price)
+            PricedGrade(grade.called, native(getattr(grade, f"half_width_{free.unit}")), grade.price or 0.0)
             for grade in free.grades
         )
         price = of_grades(grades)
@@ -357,24 +386,33 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
     """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
     order = in_order(request, problem.system.fiducial_labels)
     fiducials = _round_positions(problem, choice)[order]
-    widths = {
-        (free.contributor, free.component): round_down(
-            float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None
-        )
-        for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True))
-    }
+    widths: dict[tuple[str, str], float] = {}
+    drawn: dict[tuple[str, str], str | float] = {}
+    for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True)):
+        if free.drawn is None:
+            width = round_down(float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None)
+            widths[free.contributor, free.component] = width
+        elif (chosen := value_named(request.section, free, name_of(free.price, float(value)))) is not None:
+            drawn |= {(free.contributor, name): chosen for name in (free.component, *free.also)}
     return revise_design(
         request.design,
         Revision(
             labels=[problem.system.fiducial_labels[i] for i in order],
             fiducials_mm=fiducials if problem.places else None,
             half_width=widths,
+            drawn=drawn,
             pivot_mm={
                 free.contributor: np.clip(np.round(value, POSITION_DECIMALS[0]), free.low_mm, free.high_mm)
                 for free, value in zip(problem.pivots, choice.pivots_mm, strict=True)
             },
         ),
     )
+
+
+def value_named(section: Optimise, free: FreeHalfWidth, name: str | None) -> str | float | None:
+    """The value of a drawing that has a name; None: none has it."""
+    listed = section.tolerances[int(free.pointer.rpartition("/")[2])].grades or ()
+    return next((grade.drawn for grade in listed if grade.called == name), None)
 
 
 def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:

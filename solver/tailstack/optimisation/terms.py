@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..design.drawn import DrawnValues
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
 from ..levels import Drawn
@@ -34,7 +35,7 @@ from ..propagation.linear import (
     join,
     linearise_at,
 )
-from ..system import ArrayLike, Law, System, Way
+from ..system import ArrayLike, Law, System, Way, std_per_half_width
 from .problem import (
     Choice,
     EstimationTerms,
@@ -100,6 +101,25 @@ class SourceTerm:
     std_per_half_width: float
     free: int | None  # index of the free half-width
     held: bool  # throughout what the demand reads by itself
+    part: int = 0  # which of the scalars of what is free, where that is a value of a drawing
+    drawn: DrawnValues | None = None  # which that is
+
+    @property
+    def ratio(self) -> float:
+        """Its half-width for a free one of 1, between values of a drawing."""
+        return 1.0 if self.drawn is None else float(self.drawn.ratios[self.part])
+
+    def size(self, half_width: ArrayLike) -> Any:
+        """Its half-width at free ones (K,), numbers or symbols, between values of a drawing."""
+        if self.free is None:
+            return self.half_width
+        return half_width[self.free] if self.drawn is None else half_width[self.free] * self.ratio
+
+    def size_at(self, half_width: Array) -> float:
+        """Its half-width at free ones (K,), at a value of a drawing exactly."""
+        if self.drawn is None or self.free is None:
+            return float(self.size(half_width))
+        return float(self.drawn.half_widths_at(float(half_width[self.free]))[self.part])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,13 +168,15 @@ class DemandTerms:
 
     @property
     def free_gain(self) -> Array:
-        """(3, K) mm per native unit of each free half-width; 0 where it does not act."""
-        free = [(source.free, gain) for source, gain in zip(self.sources, self.gains.base, strict=True)]
+        """(3, K) mm per native unit of each free half-width; 0 where it does not act.  Of a value of a drawing the root
+        of the sum of the squares of its scalars'."""
+        free = [(source.free, gain * source.ratio) for source, gain in zip(self.sources, self.gains.base, strict=True)]
         count = 1 + max((k for k, _ in free if k is not None), default=-1)
         by_half_width = np.zeros((3, count))
         for k, gain in free:
             if k is not None:
-                by_half_width[:, k] = gain
+                before = by_half_width[:, k]
+                by_half_width[:, k] = np.hypot(before, gain) if before.any() else gain
         return by_half_width
 
 
@@ -291,17 +313,25 @@ def _is_common(block: Block) -> bool:
 def _sources(
     problem: PlacementProblem, model: ErrorModel, level: Drawn, wanted: Callable[[Block], bool]
 ) -> tuple[SourceTerm, ...]:
-    free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
+    free = {
+        (item.contributor, name): (k, part)
+        for k, item in enumerate(problem.half_widths)
+        for part, name in enumerate(item.names)
+    }
     laws = free_laws(problem)
     sources = []
     for block in model.blocks:
         if not wanted(block):
             continue
         for j, (name, law) in enumerate(zip(block.components, block.laws, strict=True)):
-            k = free.get((block.contributor, name))
+            k, part = free.get((block.contributor, name), (None, 0))
             half_width, std = float(block.half_width[j]), float(block.std[j])
-            per = laws[k][1] if k is not None else (std / half_width if half_width > 0 else 0.0)
-            sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.drawn.is_held(level)))
+            per, drawn = std / half_width if half_width > 0 else 0.0, None
+            if k is not None:
+                drawn = problem.half_widths[k].drawn
+                per = laws[k][1] if drawn is None else std_per_half_width(law)
+            held = block.drawn.is_held(level)
+            sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, held, part, drawn))
     return tuple(sources)
 
 

@@ -22,6 +22,7 @@ from .grades import Optimum, Purchase, settle_grades
 from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
 from .present import bring_inside, merit_of, present_design
+from .prices import name_of
 from .problem import Choice, PlacementProblem, Survival, present_choice, targets_of
 from .program import rename_fiducials
 from .request import OptimiseRequest, label_places, revise
@@ -144,10 +145,8 @@ def check_present(
     purchase = None
     if request.graded:
         bought = here.choice.half_width
-        names = [
-            min((g for g in free.price.grades if g.half_width <= width), key=lambda g: g.price).name
-            for free, width in zip(problem.half_widths, bought * (1 + 1e-9), strict=True)
-        ]
+        each = zip(problem.half_widths, bought.tolist(), strict=True)
+        names = [name_of(free.price, width) or "" for free, width in each]
         statement = "the design as it stood is kept: no bound was sought at its layout"
         purchase = Purchase(bought, tuple(names), Relaxation("none", cost, None, None, statement))
     optimum = Optimum(problem, here.choice, cost, here.ratios, None, purchase)

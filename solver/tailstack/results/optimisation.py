@@ -36,7 +36,7 @@ class ChangedTolerance:
     contributor: str
     """structure_connector or connector_flange."""
     component: str
-    """rx ... tz, or the name of a locator."""
+    """rx ... tz, the name of a locator, or what features state, with commas between what is made alike."""
     label: str
     """What the document calls the interface, and the component."""
     unit: str
@@ -56,7 +56,11 @@ class ChangedTolerance:
     cost_after: float
     """Cost of the half-width after, in the unit of the design's prices."""
     grade: str | None
-    """Process grade that was chosen from a table; null without a table."""
+    """Process grade, or value of a drawing, that was chosen from a table; null without a table."""
+    before_drawn: str | None = None
+    """Of a value of a drawing what it was, `H7/g6` or `0.02`; half-widths are those of a uniform law of its spread
+    then. null: of others.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -439,9 +443,11 @@ class Optimisation(Result):
 def changes_table(tolerances: Sequence[ChangedTolerance]) -> Table:
     """Half-widths that were free, what they move the target by, and what they cost."""
     graded = any(entry.grade is not None for entry in tolerances)
+    drawn = any(entry.before_drawn is not None for entry in tolerances)
     columns = (
         Column("Tolerance", of=attrgetter("label")),
-        *((Column("Grade", of=attrgetter("grade")),) if graded else ()),
+        *((Column("Drawn", of=attrgetter("before_drawn")),) if drawn else ()),
+        *((Column("Becomes" if drawn else "Grade", of=attrgetter("grade")),) if graded else ()),
         Column("Unit", kind="unit", of=attrgetter("unit")),
         Column("Before", "unit", "significant", brief="±\nbefore", of=attrgetter("before_half_width")),
         Column("After", "unit", "significant", brief="±\nafter", of=attrgetter("after_half_width")),

@@ -40,7 +40,7 @@ from ...rendering.blocks import (
     tone_of,
 )
 from ...rendering.sentences import decision_sentence, ending_of
-from ...rendering.tables import spell_count
+from ...rendering.tables import csv_text, plain_text, spell_count
 from .layout import Known, layout_blocks, score_if_determined
 from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
@@ -199,6 +199,7 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
             else (group(alone_table(optimisation.moves), on=PAPER),)
         ),
         pivots_table(optimisation),
+        say("to be drawn", *_redrawn(optimisation)),
         changes_table(optimisation.tolerances),
         *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
         *(() if optimisation.aimed is None else (group(aims_table(optimisation.aimed), on=PAPER),)),
@@ -273,6 +274,35 @@ def survived_sentence(worst: SurvivedLoss) -> str:
         f"without {lost}, the worst to lose, P95 at {worst.target} is {length(worst.estimate_mm, decimals)} mm by "
         f"estimate and {length(worst.p95_mm, decimals)} mm ({ends}) simulated, within the limit of "
         f"{worst.limit_mm:g} mm."
+    )
+
+
+def _redrawn(optimisation: Optimisation) -> Iterator[str]:
+    """What becomes of the values of a drawing, in a line."""
+    drawn = [each for each in optimisation.tolerances if each.before_drawn is not None]
+    changed = [f"{each.label} {each.before_drawn} → {each.grade}" for each in drawn if each.grade != each.before_drawn]
+    kept = [f"{each.label} stays {each.grade}" for each in drawn if each.grade == each.before_drawn]
+    if drawn:
+        yield f"{'; '.join([*changed, *kept])}."
+
+
+def changes_csv(optimisation: Optimisation) -> str:
+    """A line for each tolerance that was free: what it was and is, as drawn or as a half-width, and what it costs."""
+    header = ["interface", "tolerance", "before", "after", "unit", "cost_before", "cost_after"]
+    return csv_text(
+        header,
+        (
+            (
+                each.contributor,
+                plain_text(each.component),
+                each.before_half_width if each.before_drawn is None else plain_text(each.before_drawn),
+                each.after_half_width if each.before_drawn is None else plain_text(each.grade or ""),
+                each.unit,
+                "" if each.cost_before is None else each.cost_before,
+                each.cost_after,
+            )
+            for each in optimisation.tolerances
+        ),
     )
 
 

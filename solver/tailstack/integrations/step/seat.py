@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from textwrap import wrap
 from typing import Any, NamedTuple
 
@@ -15,14 +15,13 @@ from .reading import open_assembly, turn_positive
 from .tolerances import LIKE, StepFace, StepTolerance, read_tolerances
 
 ALIKE = 1e-3  # sine of an angle between directions, and mm between axes, that are the same
-COUNTED = ("(M)",)  # modifiers of a position that are counted
 REMARK, MOST_REMARKS = 380, 10  # characters of a remark, and such about what was left
 
 
 class DrawnSeat(NamedTuple):
     """What a file says of a seat."""
 
-    pivot_mm: tuple[float, float, float]  # the middle of its face, con
+    pivot_mm: list[float]  # (3,) the middle of its face, con
     features: list[dict[str, Any]]  # as ``interfaces.*.features`` has them
     remarks: list[str]  # sentences: every value that was read, and what was left
 
@@ -32,8 +31,7 @@ def read_drawn_seat(content: bytes, name: str, pin_class: str, frame: str | None
 
     Raises StepError where the file does not say which face and which holes are meant or contradicts itself; LimitError.
     """
-    assembly, to_con = open_assembly(content, name, frame)
-    tolerances, doubts = read_tolerances(assembly, to_con)
+    tolerances, doubts = read_tolerances(*open_assembly(content, name, frame))
     seat = find_seat(tolerances, pin_class, name)
     return seat._replace(remarks=[*seat.remarks, *(each.removeprefix(f"{name}: ") for each in doubts)])
 
@@ -44,7 +42,8 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
     The hole that comes first along the line through both (in the con axis that runs most along it) holds both ways, the
     other one only across that line, as a slot does.  Raises StepError.
     """
-    faces = {face.number: (face, each) for each in tolerances for face in _flat_faces(each)}
+    flats = [each for each in tolerances if each.kind in ("flatness", "parallelism") and each.value is not None]
+    faces = {face.number: (face, each) for each in flats for face in each.faces if face.surface == "plane"}
     if len(faces) != 1:
         detail = f"one plane face with a flatness or parallelism is the seat; {name} has {len(faces)}"
         raise StepError(Problem("", "no-seat", detail, "export that tolerance of the seat's face as AP242 PMI", name))
@@ -53,57 +52,50 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
     if len(holes) != 2:
         listed = f": {', '.join(size.text for _, size in holes)}" if holes else ""
         detail = "two holes along the normal of that face, their diameters with a fit or deviations, hold the seat; "
-        detail += f"{name} has {len(holes)}{listed}"
         cure = "export the tolerances of the diameters of the two dowel holes, and of no others, as AP242 PMI"
-        raise StepError(Problem("", "no-seat", detail, cure, name))
+        raise StepError(Problem("", "no-seat", f"{detail}{name} has {len(holes)}{listed}", cure, name))
     for hole, size in holes:
         if abs(2 * hole.radius_mm / (size.value or 1.0) - 1) > LIKE:
             detail = f"{size.text} is of a hole of {2 * hole.radius_mm:g} mm in {name}"
             raise StepError(Problem("", "wrong-size", detail, "check the units that its writer gave the tolerances"))
     up, away = face.axis, holes[1][0].point_mm - holes[0][0].point_mm
     line = turn_positive(away - up * (up @ away))
-    holes.sort(key=lambda item: float(item[0].point_mm @ line))
     pad = {"name": "face", "kind": "pad", "position_mm": _list(face.point_mm), "normal": _list(up)}
     pad |= {"along": _list(turn_positive(face.along)), "size_mm": _list(np.array(face.extents_mm))}
     features: list[dict[str, Any]] = [pad | {f"{flat.kind}_mm": flat.value}]
     used = [flat]
-    for number, kind, (hole, size) in zip((1, 2), ("pin_in_hole", "pin_in_slot"), holes, strict=True):
-        place = hole.point_mm - up * (up @ (hole.point_mm - face.point_mm))
-        own: dict[str, Any] = {"name": f"pin {number}", "kind": kind, "position_mm": _list(place), "normal": _list(up)}
-        own |= {"along": _list(line), "diameter_mm": size.value}
-        own |= {"fit": f"{size.fit}/{pin_class}"} if size.fit else _limits(size, pin_class)
-        positions = [each for each in tolerances if _is_position(each, hole)]
-        for each in positions[:1]:
-            own |= {"true_position_mm": each.value} | ({"at_maximum_material": True} if each.modifiers else {})
+    for hole, size in sorted(holes, key=lambda item: float(item[0].point_mm @ line)):
+        place, number = hole.point_mm - up * (up @ (hole.point_mm - face.point_mm)), len(features)
+        own: dict[str, Any] = {"name": f"pin {number}", "kind": ("", "pin_in_hole", "pin_in_slot")[number]}
+        own |= {"position_mm": _list(place), "normal": _list(up), "along": _list(line), "diameter_mm": size.value}
+        try:
+            pin = find_deviations(pin_class, size.value or 0.0)
+        except ValueError as error:
+            raise StepError(Problem("", "unknown-fit", str(error), "name a class of it for the pins")) from None
+        limits = {"hole_mm": [size.upper, size.lower], "pin_mm": [*pin]}
+        own |= {"fit": f"{size.fit}/{pin_class}"} if size.fit else limits
+        position = next((each for each in tolerances if _is_position(each, hole)), None)
+        if position is not None:
+            own |= {"true_position_mm": position.value, "at_maximum_material": bool(position.modifiers)}
         features.append(own)
-        used += [size, *positions[:1]]
-    return DrawnSeat(_tuple(face.point_mm), features, _tell(tolerances, used, pin_class))
-
-
-def _limits(size: StepTolerance, pin_class: str) -> dict[str, Any]:
-    assert size.value is not None
-    try:
-        pin = find_deviations(pin_class, size.value)
-    except ValueError as error:
-        raise StepError(Problem("", "unknown-fit", str(error), "name a class of the standard for the pins")) from None
-    return {"hole_mm": [size.upper, size.lower], "pin_mm": [*pin]}
-
-
-def _flat_faces(each: StepTolerance) -> Iterator[StepFace]:
-    if each.kind in ("flatness", "parallelism") and each.value is not None and each.unit == "mm":
-        yield from (face for face in each.faces if face.surface == "plane")
+        used += [size] if position is None else [size, position]
+    left = "; ".join(each.text for each in tolerances if not any(each is other for other in used))
+    said = [f"the seat is {'; '.join(each.text for each in used)}; pins {pin_class}"]
+    said += [f"not in the seat: {part}" for part in wrap(left, REMARK)[:MOST_REMARKS]]
+    if shifting := sorted({datum for each in used for datum in each.datums if "(" in datum}):
+        said.append(f"a shift of the datum {', '.join(shifting)} is not counted")
+    return DrawnSeat(_list(face.point_mm), features, said)
 
 
 def _list_holes(tolerances: Sequence[StepTolerance], seat: StepFace) -> list[tuple[StepFace, StepTolerance]]:
     """A face of each hole along the normal of the seat, and the size of it."""
     found: list[tuple[StepFace, StepTolerance]] = []
     for each in tolerances:
-        if each.kind != "diameter" or each.value is None or not (each.fit or each.upper is not None):
-            continue
-        for face in each.faces:
-            parallel = face.surface == "cylinder" and np.linalg.norm(np.cross(face.axis, seat.axis)) < ALIKE
-            if parallel and not any(_share_axis(face, other) for other, _ in found):
-                found.append((face, each))
+        if each.kind == "diameter" and each.value is not None and (each.fit or each.upper is not None):
+            for face in each.faces:
+                parallel = face.surface == "cylinder" and np.linalg.norm(np.cross(face.axis, seat.axis)) < ALIKE
+                if parallel and not any(_share_axis(face, other) for other, _ in found):
+                    found.append((face, each))
     return found
 
 
@@ -113,25 +105,10 @@ def _share_axis(face: StepFace, other: StepFace) -> bool:
 
 
 def _is_position(each: StepTolerance, hole: StepFace) -> bool:
-    """Whether it is the zone of the axis of a hole, of a kind that is counted."""
-    counted = each.kind == "position" and each.across and each.value is not None and set(each.modifiers) <= {*COUNTED}
+    """Whether it is the zone of the axis of a hole, as it is or at maximum material."""
+    counted = each.kind == "position" and each.across and each.value is not None and {*each.modifiers} <= {"(M)"}
     return counted and any(face.surface == "cylinder" and _share_axis(face, hole) for face in each.faces)
-
-
-def _tell(tolerances: Sequence[StepTolerance], used: Sequence[StepTolerance], pin_class: str) -> list[str]:
-    """What became the seat, what did not, and of the first what does not count."""
-    left = [each for each in tolerances if not any(each is other for other in used)]
-    said = [f"the seat is {'; '.join(each.text for each in used)}; pins {pin_class}"]
-    said += [f"not in the seat: {part}" for part in wrap("; ".join(each.text for each in left), REMARK)[:MOST_REMARKS]]
-    if shifting := sorted({datum for each in used for datum in each.datums if "(" in datum}):
-        said.append(f"a shift of the datum {', '.join(shifting)} is not counted")
-    return said
 
 
 def _list(vector: Array) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in vector]
-
-
-def _tuple(vector: Array) -> tuple[float, float, float]:
-    x, y, z = _list(vector)
-    return x, y, z
