@@ -3,7 +3,8 @@
 ``nist_*``: models with PMI of the NIST MBE PMI Validation and Conformance Testing project, exported by several CAD
 systems (works of the United States government, not subject to copyright), as kept in the repository
 tsun7170/STEPswiftcode at 1da6b408; what is only drawn was left out, the numbers of instances are theirs.
-``occ_*``: plates with two holes that OpenCASCADE (cadquery-ocp 8.0) was told to write; what it was told is below.
+``occ_*``: plates with two holes that OpenCASCADE (cadquery-ocp 8.0) was told to write; what it was told is below and in
+``test_drawn_seat``.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from step_hostility import damage
+from write_ap242 import EXAMPLES, write_plate
 
 from tailstack.errors import TailstackError
 from tailstack.integrations.conversion import convert
 from tailstack.integrations.step.assembly import WANTED, Assembly
 from tailstack.integrations.step.part21 import Part21
+from tailstack.integrations.step.seat import read_drawn_seat
 from tailstack.integrations.step.tolerances import (
     FORMS,
     WANTED_TOLERANCES,
@@ -153,15 +156,20 @@ def test_what_cannot_be_read_is_named_and_the_others_are_read() -> None:
 
 
 @pytest.mark.hostile
-def test_damaged_files_are_read_or_refused(run_seed: int) -> None:
-    """No other exception than one of ours, in 120 files."""
-    draw, read_ones = random.Random(run_seed), 0
-    small = [name for name in FILES if len(FILES[name]) < 60_000]
-    for _ in range(120):
-        name = draw.choice(small)
+@pytest.mark.parametrize("count", [120, pytest.param(2000, marks=pytest.mark.long)])
+def test_damaged_files_are_read_or_refused(run_seed: int, count: int) -> None:
+    """No other exception than one of ours, in 120 files, or 2,000; of those that are read the seat, too."""
+    draw, read_ones, seats = random.Random(run_seed), 0, 0
+    small = [content for content in FILES.values() if len(content) < 60_000]
+    small += [write_plate(plate) for plate in EXAMPLES.values()]
+    for _ in range(count):
+        content = damage(draw.choice(small), draw)
         try:
-            read(name, damage(FILES[name], draw))
+            read.__wrapped__("mutant.step", content)
             read_ones += 1
+            read_drawn_seat(content, "mutant.step", "g6")
+            seats += 1
         except TailstackError:
             continue
-    assert read_ones > 12
+    assert read_ones > count / 10
+    assert seats > count / 20

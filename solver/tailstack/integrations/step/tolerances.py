@@ -117,7 +117,7 @@ def _doubt_sizes(found: Sequence[StepTolerance], name: str) -> list[str]:
     for each in found:
         own = [face.radius_mm for face in each.faces if face.surface == "cylinder"]
         times = {"diameter": 2.0, "radius": 1.0}.get(each.kind, 0.0)
-        if own and times and each.value is not None and abs(times * own[0] / each.value - 1) > LIKE:
+        if own and times and each.value is not None and abs(times * own[0] - each.value) > LIKE * abs(each.value):
             drawn = f"its face has {times * own[0]:g} mm"
             said.append(
                 f"{name}: #{each.number} says {each.kind} {each.value:g} mm, {drawn}: check units and tolerances"
