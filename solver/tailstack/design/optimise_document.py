@@ -366,7 +366,8 @@ class FreeTolerance(Record):
                 at = f"grades/{index}"
                 raise refusal("missing-field", f"{self.component} needs half_width_{unit} in each grade", at=at)
             if grade.called in names[:index]:
-                raise refusal("duplicate-name", f"two grades are called {grade.called!r}", at=f"grades/{index}")
+                at = f"grades/{index}{'/name' if grade.name else ''}"
+                raise refusal("duplicate-name", f"two grades are called {grade.called!r}", at=at)
 
 
 def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
