@@ -28,6 +28,12 @@ _BOUND = re.compile(  # one number of a drawing: sign, value, unit, and a word
 )
 _QUANTITY = re.compile(r"\s*([-+]?(?:(?:0|[1-9]\d*)\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,:_][^\d]*?\d?)?\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
+_DIAMETER = re.compile(r"\s*[Ø⌀]\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*")
+_MARKS = re.compile(  # of degrees, minutes, seconds or inches
+    r"""\s*(?:(\d+(?:\.\d+)?)\s*°)?\s*(?:(\d+(?:\.\d+)?)\s*['′’])?\s*(?:(\d*\.?\d+)\s*["″”])?\s*"""
+)
+_PAIR = re.compile(r"\s*(±|\+/-)?\s*([-+]?\s*\d*\.?\d+)(?:\s*[/;,x× ]\s*([-+]?\s*\d*\.?\d+))?\s*(?:mm)?\s*")
+_LIMITS = ("height_mm", "hole_mm", "pin_mm")
 _LARGEST_PERCENT = 100.0
 _LONGEST_SLIP = 60  # characters; what is longer is no number that somebody typed
 
@@ -126,6 +132,35 @@ def _cure_zone_text(text: str, field: str) -> str:
     return ""
 
 
+def _cure_marks(text: str, field: str) -> str:
+    """``6'``, ``0°6'30"`` and ``0.001"`` as numbers of this field's unit, ``Ø6`` without its sign; empty for others."""
+    if (match := _DIAMETER.fullmatch(text)) and "diameter" in field:
+        return f"the number alone: write {match[1]}"
+    match = _MARKS.fullmatch(text)
+    if match is None or not (match[2] or match[3]):
+        return ""
+    degrees, minutes, seconds = (float(each or 0) for each in match.groups())
+    if field.endswith("_deg"):
+        return f"it is in deg, and 1' is 1/60 deg: write {degrees + minutes / 60 + seconds / 3600:.9g}"
+    inches = field.endswith("_mm") and match[3] and not (match[1] or match[2])
+    return f'it is in mm, and 1" is 25.4 mm: write {25.4 * seconds:.9g}' if inches else ""
+
+
+def cure_pair(value: Any, field: str) -> str:
+    """Limits of a drawing (``+0.02/-0``, ``±0.01``) and sides (``80 x 60``) as a list; empty for others."""
+    match = _PAIR.fullmatch(str(value)[:_LONGEST_SLIP])
+    if match is None or field not in ("size_mm", *_LIMITS):
+        return ""
+    first, second = (None if each is None else float(re.sub(r"\s", "", each)) for each in match.groups()[1:])
+    if first is None or (field == "size_mm" and second is None):
+        return ""
+    if field == "size_mm":
+        return f"write [{first:g}, {second:g}]"
+    if second is None:
+        second = 0.0 if match[2][0] in "+-" and not match[1] else -first
+    return f"limits are [upper, lower]: write [{max(first, second) + 0.0:g}, {min(first, second) + 0.0:g}]"
+
+
 def _cure_thousands(text: str) -> str:
     """A number whose thousands are separated; empty where one separator may as well be a decimal point."""
     match = _THOUSANDS.fullmatch(text)
@@ -143,7 +178,7 @@ def cure_text(text: str, field: str) -> str:
     """What to write instead of a text where a number is wanted; empty where the text tells nothing or is no slip."""
     if len(text) > _LONGEST_SLIP:
         return ""
-    if cure := _cure_zone_text(text, field) or _cure_thousands(text):
+    if cure := _cure_zone_text(text, field) or _cure_thousands(text) or _cure_marks(text, field):
         return cure
     if match := _COMMA.fullmatch(text):
         whole, decimals = match.groups()

@@ -85,6 +85,12 @@ def test_tables_follow_the_formulas_of_the_standard():
         ({"kind": "peg"}, "feature-kind", "pin_in_slot"),
         ({"along": [0, 1, 0]}, "free-motion", "rotation about z"),
         ({"name": "face"}, "duplicate-name", "face"),
+        ({"diameter_mm": "Ø6"}, "wrong-type", "write 6"),
+        ({"true_position_mm": '0.002"'}, "wrong-type", "write 0.0508"),
+        ({"fit": None, "hole_mm": "+0.012/-0", "pin_mm": [0, 0]}, "wrong-type", "write [0.012, 0]"),
+        ({"fit": None, "hole_mm": "±0.01", "pin_mm": [0, 0]}, "wrong-type", "write [0.01, -0.01]"),
+        ({"fit": None, "hole_mm": "+0.02", "pin_mm": [0, 0]}, "wrong-type", "write [0.02, 0]"),
+        ({"kind": "pad", "size_mm": "80 x 60"}, "wrong-type", "write [80, 60]"),
     ],
 )
 def test_what_no_seat_is_is_refused_with_the_cure(change, code, word):

@@ -41,6 +41,9 @@ def line_of(text: str, part: str) -> int:
 TYPED = [  # what stands in the demo, what is typed instead, the pointer, and the cure
     ("    limit_mm: 1.0", "    limit_mm: 1,0", "/requirements/0/limit_mm", "with a point: 1.0"),
     ("    limit_mm: 1.0", "    limit_mm: '1,050'", "/requirements/0/limit_mm", "write 1.05 or 1050"),
+    *(("rx: { half_width_deg: 0.10,", f"rx: {{ half_width_deg: {text},",
+       "/interfaces/structure_connector/tolerances/rx/half_width_deg", f"1' is 1/60 deg: write {value}")
+      for text, value in (("6'", "0.1"), ("0°6'", "0.1"), ("1°30'", "1.5"), ("6'36\"", "0.11"))),
     ("rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0,10,",
      "/interfaces/structure_connector/tolerances/rx/half_width_deg", "write it with a point: 0.10"),
     ("label: F2, position_mm: [30,", "label: 2,5, position_mm: [30,", "/fiducials/points/1/label", "a point: 2.5"),

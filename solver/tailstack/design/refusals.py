@@ -10,7 +10,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
+from ..cures import ask_meant, cure_list, cure_pair, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
 from .bead_noise import BeadNoise
@@ -204,6 +204,7 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
         return Problem(at, "out-of-range", f"the number is too large; got {show(value)}")
     if kind in _WANTED:
         hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
+        hint = hint or (cure_pair(value, field) if _WANTED[kind] == "a list" else "")
         return Problem(at, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
