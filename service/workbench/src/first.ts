@@ -78,6 +78,7 @@ ${points.map((point) => `    - { label: ${text(point.label)}, position_mm: ${lis
   manufacturing: { half_width_mm: 0.05, distribution: uniform } # where a bead truly sits
 
 interfaces: # half-widths of what may differ from one assembly to the next, about the pivot
+  # instead of tolerances: what a drawing states, flatness and fits, as in tailstack example dowelled_seat
 ${seat("structure_connector", "carrier on connector", 15)}${seat("connector_flange", "connector on the robot's flange", 65)}
 targets:
   - { name: tip, position_mm: ${place(0, 0, target)} } # where the error counts
