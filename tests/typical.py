@@ -16,7 +16,8 @@ from tailstack.levels import Drawn
 
 SIZE_PX = 1600
 TRIES = 20
-JOINT = ("correlation", "covariance_deg_mm")  # held against one another, and drawn in tests/unit/test_correlation.py
+# Held against other fields: tests/unit/test_correlation.py and test_robot.py draw them
+JOINT = ("correlation", "covariance_deg_mm", "joints", "urdf")
 Typicals = Mapping[str, Typical]  # by the field that is meant, "" where it is this one
 
 

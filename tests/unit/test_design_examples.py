@@ -19,6 +19,7 @@ from scenes import effect_named
 from tailstack import score, verify
 from tailstack.design import check_design, compile_design, design_json_schema, load_design
 from tailstack.errors import DesignError
+from tailstack.geometry.kinematics import dh_joint, place_errors
 from tailstack.system import Law
 
 DESIGNS = sorted(EXAMPLES.glob("*.yaml"))
@@ -68,6 +69,16 @@ def test_a_compact_carrier_is_within_its_limit_by_what_is_known_of_the_c_arm_wha
     assert known | of_views | {"motion:LAT"} <= {line.name for line in knowing.targets[0].contributors}
     simulated = verify(design, trials=2**14, seed=1).targets[0]
     assert simulated.p95_interval_mm[0] < knowing.targets[0].p95_mm < simulated.p95_interval_mm[1]  # 95 %, one seed
+
+
+def test_the_arm_of_the_gallery_is_that_of_its_published_parameters():
+    """published: Universal Robots, DH parameters of the UR5e; the same forward kinematics in each convention."""
+    robot = getattr(load_design(EXAMPLES / "gallery" / "robot_arm.yaml").document.execution, "robot")  # noqa: B009
+    table = [(0, 162.5, 90), (-425, 0, 0), (-392.2, 0, 0), (0, 133.3, 90), (0, 99.7, -90), (0, 99.6, 0)]
+    arm = [dh_joint("", (a, d), (np.deg2rad(alpha), 0.0), True, False) for a, d, alpha in table]
+    for values in (robot.joints_imaging_deg, robot.joints_executing_deg):
+        (_, flange), (_, expected) = (place_errors(each, np.deg2rad(values)) for each in (robot.arm, arm))
+        np.testing.assert_allclose(flange, expected, atol=1e-9)
 
 
 def test_the_hand_eye_calibration_is_known_best_where_its_plate_lay():

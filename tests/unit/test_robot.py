@@ -6,17 +6,24 @@ by, and what the tool misses is read from ``F~(q1)^-1 F~(q2) F(q2)^-1 F(q1)``: n
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plain_data import DEMO, replaced
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
+from tailstack.design.urdf_files import read_urdf
+from tailstack.design.write import design_to_data
+from tailstack.effects.robot import UrdfChain
 from tailstack.errors import DesignError
 from tailstack.geometry.arrays import Array
-from tailstack.geometry.kinematics import dh_joint, place_errors
+from tailstack.geometry.kinematics import dh_joint, place_errors, rpy_joint
 from tailstack.montecarlo.chain import evaluate, evaluate_plainly
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise
@@ -32,7 +39,20 @@ IMAGING, EXECUTING = [10.0, -95.0, 90.0, 5.0, 80.0, 15.0], [35.0, -70.0, 80.0, -
 SLIDE = 2  # of the arm with a slide
 
 
+JOINTS = [  # as URDF has them: axes along and against x, y, z, a slide, and what is fixed
+    {"name": "J1", "type": "revolute", "xyz_mm": [0, 0, 162.5], "rpy_deg": [0, 0, 30], "axis": [0, 0, 2]},
+    {"name": "J2", "type": "revolute", "xyz_mm": [10, 0, 0], "rpy_deg": [90, 0, 0], "axis": [0, -1, 0]},
+    {"name": "J3", "type": "prismatic", "xyz_mm": [-425, 0, 50], "rpy_deg": [0, 20, 17], "axis": [1, 0, 0]},
+    {"name": "J4", "type": "revolute", "xyz_mm": [-392, 0, 133], "rpy_deg": [10, 20, 30], "axis": [0, 0, 1]},
+    {"name": "J5", "type": "revolute", "xyz_mm": [0, -99.7, 0], "rpy_deg": [90, 0, 0], "axis": [0, 1, 0]},
+    {"name": "J6", "type": "revolute", "xyz_mm": [0, 99.6, 0], "rpy_deg": [-90, 0, 0], "axis": [0, 0, 1]},
+    {"name": "J7", "type": "fixed", "xyz_mm": [5, 6, 70], "rpy_deg": [10, -20, 30]},
+]
+
+
 def stated(convention: str = "standard", slide: bool = False, **changes: Any) -> dict[str, Any]:
+    if convention == "joints":
+        return {"joints": JOINTS, "joints_imaging_deg": IMAGING, "joints_executing_deg": EXECUTING} | changes
     columns = {name: [float(value) for value in values] for name, values in UR5E.items()}
     joints: list[dict[str, Any]] = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     if slide:
@@ -68,8 +88,44 @@ def dh_matrix(a: Any, alpha: Any, d: Any, theta: Any, modified: bool) -> Array:
     return np.array([*rows, [none, none, none, none + 1]])
 
 
+def turned_by(axis: Any, angle: Any) -> Array:
+    """(4, 4) about an axis of length one, Rodrigues."""
+    x, y, z = axis
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.zeros((4, 4), complex)
+    turn[:3, :3] = np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * (across @ across)
+    turn[3, 3] = 1
+    return turn
+
+
+def shifted_by(shift: Any) -> Array:
+    return np.vstack([np.column_stack([np.eye(3), np.asarray(shift)]), [0, 0, 0, 1]])
+
+
+def forward_of_joints(robot: dict[str, Any], values: list[float], off: dict[tuple[int, str], Any]) -> Array:
+    """The same of an arm by the frames of its joints: each is off, first turned, then shifted, where it stands."""
+    pose, moves = np.eye(4), iter(values)
+    for j, joint in enumerate(robot["joints"]):
+        roll, pitch, yaw = np.deg2rad(joint["rpy_deg"])
+        turn = turned_by((0, 0, 1), yaw) @ turned_by((0, 1, 0), pitch) @ turned_by((1, 0, 0), roll)
+        pose = pose @ shifted_by(joint["xyz_mm"]) @ turn
+        for axis, way in zip(np.eye(3), ("rx", "ry", "rz"), strict=True):
+            pose = pose @ turned_by(axis, off.get((j, way), 0.0))
+        pose = pose @ shifted_by([off.get((j, way), 0.0) for way in "xyz"])
+        if joint["type"] == "fixed":
+            continue
+        axis, value = np.array(joint["axis"]) / np.linalg.norm(joint["axis"]), next(moves)
+        if joint["type"] == "revolute":
+            pose = pose @ turned_by(axis, np.deg2rad(value) + off.get((j, "joint"), 0.0))
+        else:
+            pose = pose @ shifted_by(axis * (value + off.get((j, "joint"), 0.0)))
+    return pose
+
+
 def forward(robot: dict[str, Any], values: list[float], off: dict[tuple[int, str], Any]) -> Array:
     """Pose of the flange in the base, mm; off: parameters by (joint, name), mm and rad."""
+    if "joints" in robot:
+        return forward_of_joints(robot, values, off)
     pose = np.eye(4)
     for j, (joint, value) in enumerate(zip(robot["dh"], values, strict=True)):
         slides = joint.get("type") == "prismatic"
@@ -97,7 +153,7 @@ def test_the_flange_of_a_puma_is_where_the_book_says() -> None:
     np.testing.assert_allclose(flange[:3, 3], [596.3, -150.1, -14.35], atol=0.06)
 
 
-CASES = [("standard", False), ("modified", False), ("standard", True), ("modified", True)]
+CASES = [("standard", False), ("modified", False), ("standard", True), ("modified", True), ("joints", True)]
 
 
 @pytest.mark.parametrize(("convention", "slide"), CASES)
@@ -126,7 +182,7 @@ def test_gains_are_the_derivative_of_the_kinematics(convention: str, slide: bool
             expected = to_tcp @ ((missed(robot, first, second) @ at).imag[:3] / 1e-30)
             np.testing.assert_allclose(gain, expected, rtol=1e-9, atol=1e-9)
             asked += 1
-    assert asked == 6 * 4 + 12
+    assert asked == (6 * 6 + 6 if convention == "joints" else 6 * 4) + 12
 
 
 @pytest.mark.parametrize(("convention", "slide"), CASES)
@@ -181,7 +237,7 @@ def sag_of(robot: dict[str, Any]) -> list[Array]:
     centre, out = np.append(robot["payload_centre_mm"], 1), []
     for values in (robot["joints_imaging_deg"], robot["joints_executing_deg"]):
         sag = np.zeros(6)
-        for j, joint in enumerate(robot["dh"]):
+        for j, joint in enumerate(robot["joints"][:6] if "joints" in robot else robot["dh"]):
             rise = (forward(robot, values, {(j, "joint"): 1e-30j}) @ centre).imag[2] / 1e-30
             push = -robot["payload_kg"] * 9.80665 * rise
             sag[j] = push / (1 if joint.get("type") == "prismatic" else 1e3) / robot["stiffness_nm_per_rad"][j]
@@ -206,6 +262,16 @@ def test_at_one_pose_what_is_shared_does_exactly_nothing_and_what_is_drawn_anew_
     np.testing.assert_array_equal(evaluate(plan, z), evaluate(base, z[:, : base.dimension]))
 
 
+def test_a_frame_of_urdf_is_off_beside_the_way_in_which_its_joint_moves() -> None:
+    """closed form: five ways at right angles to one another and to that of the joint, of length one."""
+    for twist in (np.array([2, -1, 2, 0, 0, 0]) / 3, np.array([0, 0, 0, -0.6, 0, 0.8])):
+        joint = rpy_joint("J", np.zeros(3), np.zeros(3), twist)
+        ways = np.array([each.twist for each in joint.leading])
+        np.testing.assert_allclose(ways @ ways.T, np.eye(5), atol=1e-12)
+        np.testing.assert_allclose(ways @ twist, 0, atol=1e-12)
+        assert all(bool(each[:3].any()) != bool(each[3:].any()) for each in ways.round(12))
+
+
 def test_where_the_base_stands_changes_nothing() -> None:
     """closed form: a first joint that is turned and shifted, both poses alike, is another base."""
     moved = stated(**EVERYTHING | {"stiffness_nm_per_rad": None, "payload_kg": None})
@@ -225,8 +291,10 @@ def test_first_order_meets_the_trials() -> None:
 
 REFUSED = [
     ({"joints_executing_deg": IMAGING[:5]}, "wrong-length"),
+    ({"joints": [{"name": "J1"}]}, "one-of"),
+    ({"dh_convention": None}, "missing-field"),
     ({"joint_sd_deg": [0.01] * 7}, "wrong-length"),
-    ({"payload_kg": 2.0}, "unused-field"),
+    ({"payload_kg": 2.0}, "missing-field"),
     ({"up": [0.0, 0.0, 0.0]}, "zero-vector"),
     ({"joint_sd_deg": 2.0}, "out-of-range"),
     ({"dh": [{"name": "J2"}, *stated()["dh"][1:]]}, "duplicate-name"),
@@ -238,4 +306,98 @@ def test_what_cannot_be_is_refused_where_it_stands(changes: dict[str, Any], code
     with pytest.raises(DesignError) as caught:
         load_design(replaced(DEMO, ("execution", "robot"), stated(**changes)))
     assert [problem.code for problem in caught.value.problems] == [code]
-    assert caught.value.problems[0].pointer.startswith("/execution/robot/")
+    assert caught.value.problems[0].pointer.startswith("/execution/robot")
+
+
+HALF = "1.5707963267948966"
+URDF = f"""<?xml version="1.0"?>
+<robot name="arm">
+  <link name="world"/><link name="tool0"/>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/><origin xyz="0 0 0.9"/></joint>
+  <joint name="J1" type="revolute"><parent link="base"/><child link="l1"/>
+    <origin xyz="0 0 0.1625"/><axis xyz="0 0 2"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="J2" type="continuous"><parent link="l1"/><child link="l2"/>
+    <origin rpy="{HALF} 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="J3" type="prismatic"><parent link="l2"/><child link="l3"/>
+    <origin xyz="-0.425 0 0.05" rpy="0 0 0.3"/><axis xyz="0 0 1"/></joint>
+  <joint name="flange" type="fixed"><parent link="l3"/><child link="tool0"/>
+    <origin xyz="-0.3922 0 0" rpy="0.1 0.2 0.3"/></joint>
+</robot>"""
+
+
+def with_file(folder: Path, text: str, **changes: Any) -> Path:
+    """The demonstration with an arm of a file beside it."""
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    robot = {"urdf": {"file": "arm.urdf"}, "joints_imaging_deg": [5.0, 20.0, 30.0], "joint_sd_deg": 0.02}
+    robot |= {"joints_executing_deg": [30.0, -10.0, 80.0], "parameter_sd": {"length_mm": 0.05, "angle_deg": 0.01}}
+    path = folder / "design.json"
+    path.write_text(json.dumps(replaced(DEMO, ("execution", "robot"), robot | changes)), encoding="utf-8")
+    return path
+
+
+def test_an_arm_of_a_file_is_that_of_its_matrices_and_of_its_joints_in_the_document(tmp_path: Path) -> None:
+    """independent: SciPy's rotations; and the same design with what was read of the file in it."""
+    design = load_design(with_file(tmp_path, URDF))
+    assert design.files == ["arm.urdf"]
+    robot: Any = getattr(design.document.execution, "robot")  # noqa: B009
+    _, found = place_errors(robot.arm, [0.0, np.deg2rad(5), np.deg2rad(20), 30.0, 0.0])
+    pose, turn, shift = np.eye(4), [0, 5, 20, 0, 0], [0, 0, 0, 30, 0]
+    places = [(0, 0, 900), (0, 0, 162.5), (0, 0, 0), (-425, 0, 50), (-392.2, 0, 0)]
+    angles = [(0, 0, 0), (0, 0, 0), (np.pi / 2, 0, 0), (0, 0, 0.3), (0.1, 0.2, 0.3)]
+    for j, (place, rpy) in enumerate(zip(places, angles, strict=True)):
+        step = np.eye(4)
+        along = Rotation.from_euler("xyz", rpy)  # about axes that stand: roll, pitch, yaw
+        step[:3, :3] = (along * Rotation.from_euler("z", turn[j], degrees=True)).as_matrix()
+        step[:3, 3] = place + along.apply([0, 0, shift[j]])
+        pose = pose @ step
+    np.testing.assert_allclose(found, pose, atol=1e-9)
+    inline = load_design(design_to_data(design))
+    assert inline.sha256 == design.sha256
+    assert score(inline).targets[0].p95_mm == score(design).targets[0].p95_mm
+    lines = {line.name for line in score(design).targets[0].contributors}
+    assert {"robot:stand", "robot:J2", "robot:flange"} <= lines
+
+
+BROKEN = [
+    (("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot"), "xml-doctype"),
+    (("</robot>", ""), "xml-syntax"),
+    (("<robot", "<model"), "xml-syntax"),
+    (('type="prismatic"', 'type="floating"'), "unknown-joint"),
+    (('<child link="l3"/>', '<child link="l2"/>'), "urdf-tree"),
+    (('<child link="tool0"/>', '<child link="base"/>'), "urdf-tree"),
+    (('<parent link="world"/>', '<parent link="l3"/>'), "too-many"),
+    (('xyz="0 0 0.1625"', 'xyz="0 0 nan"'), "wrong-joint"),
+    (('xyz="0 0 0.1625"', 'xyz="0 0"'), "wrong-joint"),
+    (('xyz="0 0 0.1625"', 'xyz="0 0 ${z}"'), "wrong-type"),
+    (('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'), "wrong-joint"),
+    (('type="prismatic"', 'type="fixed"'), "wrong-length"),
+    (("<link", "<xacro:if xmlns:xacro='http://www.ros.org/wiki/xacro'/><link"), "xacro"),
+]
+
+
+@pytest.mark.parametrize(("change", "code"), BROKEN)
+def test_a_file_that_is_no_arm_is_refused_by_name(change: tuple[str, str], code: str, tmp_path: Path) -> None:
+    with pytest.raises(DesignError) as caught:
+        load_design(with_file(tmp_path, URDF.replace(*change, 1)))
+    assert caught.value.problems[0].code == code
+
+
+@pytest.mark.hostile
+def test_a_file_with_bytes_changed_is_read_or_refused(run_seed: int) -> None:
+    """Any seed: no rate, as nothing else than an arm or a DesignError may come of it."""
+    rng, whole, chain = np.random.default_rng(run_seed), URDF.encode(), UrdfChain(file="arm.urdf")
+    words = [b"1e400", b"nan", b"<!--", b"&#10;", b'"', b"><", b"fixed", b"base", b"\xff", b"\0", b"6.2831854", b""]
+    for _ in range(2000):
+        start, length = int(rng.integers(len(whole))), int(rng.integers(1, 60))
+        piece = words[rng.integers(len(words))] if rng.random() < 0.7 else rng.bytes(1)
+        content = whole[:start] + piece + whole[start + length * int(rng.integers(2)) :]
+        with suppress(DesignError):
+            assert len(read_urdf(content, chain)) <= 5
+
+
+def test_a_request_reads_no_file_and_says_what_to_do(tmp_path: Path) -> None:
+    path = with_file(tmp_path, URDF)
+    with pytest.raises(DesignError) as caught:
+        load_design(json.loads(path.read_text()), allow_files=False)
+    assert caught.value.problems[0].code == "file-refused"
+    assert "joints" in caught.value.problems[0].hint

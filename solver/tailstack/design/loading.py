@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
+from . import urdf_files
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import (
@@ -87,7 +88,9 @@ class Design:
         surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
         seats = [drawing.file for _, drawing in list_drawings(written)]
         points = [each.file for each in written.point_files.values()]
-        named = [written.fiducials.file, *points, *surfaces, *seats]
+        robot = getattr(written.execution, "robot", None)
+        arms = [] if robot is None or robot.urdf is None else [robot.urdf.file]
+        named = [written.fiducials.file, *points, *surfaces, *seats, *arms]
         return [name for name in dict.fromkeys(named) if name]
 
     def __repr__(self) -> str:
@@ -202,6 +205,7 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     document = reader.with_drawn_seats(document)
     if document.point_files:  # what they hold is judged with the rest of the document
         document = reader.with_points_of_files(document)
+    document = reader.with_arm(document)
     for pointer, surface in surfaces_in(document.optimise).items():
         section = put_surface(document.optimise, pointer, reader.with_content(surface, pointer))
         document = document.model_copy(update={"optimise": section})
@@ -350,6 +354,19 @@ class _FileReader:
         assumed = [re.sub(r"^(/interfaces/\w+)/drawing\b.*", r"\1/features", each) for each in document.assumed]
         changes = {"interfaces": document.interfaces.model_copy(update=seats)} | ({FIELD: assumed} if assumed else {})
         return document.model_copy(update=changes)
+
+    def with_arm(self, document: DesignDocument) -> DesignDocument:
+        """The document with the joints of the robot in place of a file of them."""
+        robot = getattr(document.execution, "robot", None)
+        if robot is None or robot.urdf is None:
+            return document
+        with self._placing("/execution/robot/urdf"):
+            path = self.find(robot.urdf.file, (urdf_files.ENDING,), "put its joints into joints")
+            joints = urdf_files.read_urdf(read_bytes(path, urdf_files.MOST_BYTES, robot.urdf.file), robot.urdf)
+        read = robot.model_copy(update={"urdf": None, "joints": joints})
+        read.model_fields_set.discard("urdf")  # nobody stated that there is none
+        execution = document.execution.model_copy(update={"robot": read})
+        return document.model_copy(update={"execution": execution})
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
         """A surface with what its file holds, which can be read, and has the side that is asked for."""

@@ -24,19 +24,24 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..fields import Coordinate, Degrees, Direction, Name, Point, Record, Typical, leave_out_later, refusal
+from ..errors import Problem
+from ..fields import Angles, Coordinate, Degrees, Direction, Name, Point, Record, Typical, leave_out_later, refusal
 from ..geometry.arrays import Array, frozen
-from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_by, place_errors, undo
+from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_by, place_errors, rpy_joint, undo
 from ..levels import Drawn
 from ..ranges import JOINT_SD_DEG, LINK_SD_DEG, LINK_SD_MM, AnySize
 from ..system import Act, Effect, Place, Scene, System
 from ..tolerances import HowOften, Source, gather_sources, level_field
-from .kind import EffectKind, Limit, Proportional, Setting
+from .kind import EffectKind, Limit, Pivots, Proportional, Setting
 
 GRAVITY = 9.80665  # m/s^2
 MOST_JOINTS = 10
+MOST_LINKS = 30  # joints that move and joints that are fixed
 LARGEST_DEG = 1.0  # first order leaves out half the angle of what it turns by: at most 0.9 %
 
+_BY_JOINT = (
+    "joints_imaging_deg", "joints_executing_deg", "joint_sd_deg", "repeatability_sd_deg", "stiffness_nm_per_rad",
+)  # fmt: skip
 _ANY = AnySize("an arm has links of any size and stands in any pose")
 _Turn = Annotated[Degrees, Typical(-120, 120), _ANY]
 _Length = Annotated[Coordinate, Typical(-400, 400), _ANY]
@@ -65,6 +70,55 @@ class DhJoint(Record):
     )
 
 
+class ArmJoint(Record):
+    """A joint as URDF has it, in mm and degrees: the frame in which it moves, in that of the joint before it."""
+
+    name: Name = Field(description="Name.", examples=["elbow_joint"])
+    type: Literal["revolute", "prismatic", "fixed"] = Field(
+        default="revolute",
+        description="Whether it turns, slides, or is fixed and has no value. Default revolute.",
+        examples=["revolute"],
+    )
+    xyz_mm: Annotated[Point, _ANY] = Field(
+        default=(0.0, 0.0, 0.0), description="Origin, mm. Default 0.", examples=[[0.0, 0.0, 162.5]]
+    )
+    rpy_deg: Annotated[Angles, _ANY] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Roll, pitch and yaw, degrees: Rz(yaw) Ry(pitch) Rx(roll). Default 0.",
+        examples=[[0.0, 90.0, 0.0]],
+    )
+    axis: Direction = Field(
+        default=(0.0, 0.0, 1.0), description="About or along which it moves. Default its z.", examples=[[0, 0, 1]]
+    )
+
+    @model_validator(mode="after")
+    def _along(self) -> Self:
+        if not any(self.axis):
+            raise refusal("zero-vector", "the axis has no direction", "axis: [0, 0, 1]", "axis")
+        return self
+
+    @property
+    def joint(self) -> Joint:
+        axis, still = np.array(self.axis) / np.linalg.norm(self.axis), np.zeros(3)
+        halves = {"revolute": (axis, still), "prismatic": (still, axis), "fixed": (still, still)}[self.type]
+        return rpy_joint(self.name, np.array(self.xyz_mm), np.deg2rad(self.rpy_deg), np.concatenate(halves))
+
+
+class UrdfChain(Record):
+    """Where the joints stand in a URDF file."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="URDF file beside the design (relative path); not in a request, which has joints.",
+        examples=["robots/arm.urdf"],
+    )
+    base_link: Name | None = Field(default=None, description="Link at the base. Default its root.", examples=["base"])
+    tip_link: Name | None = Field(
+        default=None,
+        description="Link that is the flange of transforms.T_flange_con. Default its only end.",
+        examples=["tool0"],
+    )
+
+
 class ParameterSd(Record):
     """Standard deviations of the geometry: how well the arm was calibrated."""
 
@@ -79,14 +133,21 @@ class ParameterSd(Record):
 class Robot(Record):
     """The arm, in both poses, and how far it may be off.  A slide's values are in mm where joints' are in degrees."""
 
-    dh: Annotated[list[DhJoint], Field(min_length=1, max_length=MOST_JOINTS)] = Field(
-        description="The arm by Denavit-Hartenberg parameters, from the base to the flange."
+    dh: Annotated[list[DhJoint], Field(min_length=1, max_length=MOST_JOINTS)] | None = Field(
+        default=None,
+        description="The arm by Denavit-Hartenberg parameters, from the base to the flange. Either this, joints or "
+        "urdf.",
     )
-    dh_convention: Literal["standard", "modified"] = Field(
-        description="standard: Rz(theta) Tz(d) Tx(a) Rx(alpha) of each joint; modified (Craig): Rx(alpha) Tx(a) "
-        "Rz(theta) Tz(d).",
+    dh_convention: Literal["standard", "modified"] | None = Field(
+        default=None,
+        description="With dh. standard: Rz(theta) Tz(d) Tx(a) Rx(alpha) of each joint; modified (Craig): Rx(alpha) "
+        "Tx(a) Rz(theta) Tz(d).",
         examples=["standard"],
     )
+    joints: Annotated[list[ArmJoint], Field(min_length=1, max_length=MOST_LINKS)] | None = Field(
+        default=None, description="The arm by the frames of its joints, from the base to the flange."
+    )
+    urdf: UrdfChain | None = Field(default=None, description="The arm by a file, which is read into joints.")
     joints_imaging_deg: _Turns = Field(
         description="Values of the joints where the shots are taken, degrees (a slide: mm).",
         examples=[[0.0, -90.0, 90.0, 0.0, 90.0, 0.0]],
@@ -132,30 +193,26 @@ class Robot(Record):
 
     @model_validator(mode="after")
     def _fit(self) -> Self:
-        count = len(self.dh)
-        for field in ("joints_imaging_deg", "joints_executing_deg", "joint_sd_deg", "repeatability_sd_deg",
-                      "stiffness_nm_per_rad"):  # fmt: skip
-            value = getattr(self, field)
-            if isinstance(value, list) and len(value) != count:
-                cure = "one value a joint, from the base to the flange"
+        arms = ("dh", "joints", "urdf")
+        if len(given := [name for name in arms if getattr(self, name) is not None]) != 1:
+            arrived = " and ".join(given) or "none"
+            raise refusal("one-of", f"give exactly one of {', '.join(arms)}; {arrived} arrived", "name the arm once")
+        for first, second in (("dh", "dh_convention"), ("stiffness_nm_per_rad", "payload_kg")):
+            stated = [name for name in (first, second) if getattr(self, name) is not None]
+            if len(stated) == 1:
+                missing = second if stated[0] == first else first
                 raise refusal(
-                    "wrong-length", f"{field} has {len(value)} values; the arm has {count} joints", cure, field
+                    "missing-field", f"{stated[0]} is read only with {missing}", f"state {missing}", stated[0]
                 )
-        pair = ("stiffness_nm_per_rad", "payload_kg")
-        if (given := [name for name in pair if getattr(self, name) is not None]) and len(given) == 1:
-            missing = pair[pair[0] == given[0]]
-            raise refusal("unused-field", f"{given[0]} is read only with {missing}", f"state {missing} too", given[0])
         if not any(self.up):
             raise refusal("zero-vector", "up has no direction", "up: [0, 0, 1]", "up")
-        names = [joint.name for joint in self.arm]
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise refusal("duplicate-name", f"two joints are called {twice!r}", "names are unique", "dh")
         return self
 
     @property
     def arm(self) -> tuple[Joint, ...]:
-        """Its joints, mm and rad."""
+        """Its joints, mm and rad; of a file, those that were read of it."""
+        if self.dh is None:
+            return tuple(each.joint for each in self.joints or ())
         return tuple(
             dh_joint(
                 joint.name or f"J{index + 1}",
@@ -224,9 +281,11 @@ def screws_of(
 
 
 def _values(arm: Sequence[Joint], stated: Any) -> list[float]:
-    """What a document says of each joint, rad and mm; one number says it of all."""
-    each = stated if isinstance(stated, list) else [stated or 0.0] * len(arm)
-    return [radians(value) if joint.turns else value for joint, value in zip(arm, each, strict=True)]
+    """What a document says of each joint that moves, rad and mm, and 0 of those that are fixed; one number says it of
+    all."""
+    each = iter(stated if isinstance(stated, list) else [stated or 0.0] * len(arm))
+    values = [next(each) if joint.moves else 0.0 for joint in arm]
+    return [radians(value) if joint.turns else value for joint, value in zip(arm, values, strict=True)]
 
 
 class _Compiled(NamedTuple):
@@ -247,8 +306,9 @@ def _compile_arm(robot: Robot) -> _Compiled:
             centre = flange[:3, :3] @ np.array(robot.payload_centre_mm) + flange[:3, 3]
             joints = np.array([each.twist for each in errors if each.name == MOTION])
             push = -robot.payload_kg * GRAVITY * (up @ move_by(joints, centre))  # N mm, of a slide N
-            per = [1e-3 if joint.turns else 1.0 for joint in arm]
-            sag[pose] = push * per / robot.stiffness_nm_per_rad
+            moving = [index for index, joint in enumerate(arm) if joint.moves]
+            per = np.array([1e-3 if joint.turns else 1.0 for joint in arm])
+            sag[pose, moving] = (push * per)[moving] / robot.stiffness_nm_per_rad
     anew = robot.repeatability_sd_deg is not None or bool(sag.any())
     screws, twists = screws_of(arm, poses, anew)
     return _Compiled(arm, screws, twists, sag)
@@ -296,6 +356,8 @@ def _scatter(compiled: _Compiled, widths: Sequence[float], at: str) -> RobotEffe
     arm, screws, twists, _ = compiled
     stated, amounts = [], np.zeros((len(screws), 2 * len(arm)))
     for index, (joint, width) in enumerate(zip(arm, widths, strict=True)):
+        if not joint.moves:
+            continue
         for pose, word in enumerate(("imaging", "executing")):
             way = np.eye(2 * len(arm))[2 * index + pose]
             stated.append(Source(f"{joint.name}.{word}", "normal", width, 1.0, "rad" if joint.turns else "mm", way))
@@ -303,9 +365,27 @@ def _scatter(compiled: _Compiled, widths: Sequence[float], at: str) -> RobotEffe
         if screw.error.name == MOTION:
             amounts[row, 2 * screw.error.joint + screw.pose] = screw.sign
     name = "joint_scatter"
-    known = frozen(np.zeros(len(stated)))
-    sources = gather_sources(stated, len(stated))
+    known = frozen(np.zeros(2 * len(arm)))
+    sources = gather_sources(stated, 2 * len(arm))
     return RobotEffect(name, name.replace("_", " "), at, Drawn.SHOT, sources, known, twists, frozen(amounts))
+
+
+def _check(section: OfExecution, pivots_mm: Pivots) -> Iterator[Problem]:
+    """Lists are as long as the arm has joints that move, and names differ."""
+    if (robot := section.robot) is None:
+        return
+    arm, at = robot.arm, "/execution/robot"
+    count = sum(joint.moves for joint in arm)
+    for field in _BY_JOINT:
+        value = getattr(robot, field)
+        if isinstance(value, list) and len(value) != count:
+            detail = f"{field} has {len(value)} values; {count} joints of the arm move"
+            yield Problem(f"{at}/{field}", "wrong-length", detail, "one value a joint, from the base to the flange")
+    names = [joint.name for joint in arm]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        field = next(name for name in ("dh", "joints", "urdf") if getattr(robot, name) is not None)
+        yield Problem(f"{at}/{field}", "duplicate-name", f"two joints are called {twice!r}", "names are unique")
 
 
 def _not_modelled(system: System) -> str:
@@ -323,4 +403,6 @@ def _limits(system: System) -> Iterator[Limit]:
     yield Proportional("a robot whose joints and links turn by {:.2g} %", total**0.5)
 
 
-KIND = EffectKind(host="execution", section=OfExecution, compile=_compile, not_modelled=_not_modelled, limits=_limits)
+KIND = EffectKind(
+    host="execution", section=OfExecution, compile=_compile, check=_check, not_modelled=_not_modelled, limits=_limits
+)

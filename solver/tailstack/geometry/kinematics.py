@@ -75,6 +75,10 @@ class Joint:
     def turns(self) -> bool:
         return bool(self.twist[:3].any())
 
+    @property
+    def moves(self) -> bool:
+        return bool(self.twist.any())
+
 
 def dh_joint(
     name: str, lengths_mm: tuple[float, float], angles: tuple[float, float], turns: bool, modified: bool
@@ -94,6 +98,21 @@ def dh_joint(
     if modified:
         return Joint(name, twist, along_x, along_z, (*of_x, of_z))
     return Joint(name, twist, np.eye(4), along_z @ along_x, (of_z,), of_x)
+
+
+def rpy_joint(name: str, place_mm: Array, rpy: Array, twist: Array) -> Joint:
+    """A joint of URDF: it stands at an origin, ``Rz(yaw) Ry(pitch) Rx(roll)``, rad; twist 0: it is fixed.
+
+    Its frame is off in six ways, or in five beside that in which it moves, which is off by its zero.
+    """
+    turns = [screw(TWIST[axis], angle) for axis, angle in zip(("rx", "ry", "rz"), rpy, strict=True)]
+    origin = rigid_transform((turns[2] @ turns[1] @ turns[0])[:3, :3], place_mm)
+    ways = dict(TWIST)
+    if twist.any():  # a reflection lays the nearest way along it, and the others beside it
+        nearest = max(TWIST, key=lambda way: abs(TWIST[way] @ twist))
+        away = twist - np.sign(TWIST[nearest] @ twist) * ways.pop(nearest)
+        ways = {way: each - 2 * away * (away @ each) / max(float(away @ away), 1e-300) for way, each in ways.items()}
+    return Joint(name, twist, origin, np.eye(4), tuple(LinkParameter(*each) for each in ways.items()))
 
 
 class PlacedError(NamedTuple):
