@@ -4,6 +4,7 @@
     .venv/bin/python benchmarks/validity_study.py FILE [--designs N] [--seed N] [--nu LOW HIGH] [FORM ...]
     .venv/bin/python benchmarks/validity_study.py FILE --designs 0     # goes on with what is believed, and the table
     .venv/bin/python benchmarks/validity_study.py FILE --far --designs 1600 --digest FAR.csv
+    .venv/bin/python benchmarks/validity_study.py FILE --arm --designs 200
 
 A form is an estimator with its triangulation: ``pose+weighted``; each design has the next of them.  Two to eight
 views, 6 to 40 fiducials (4 to 40 where the estimator knows the intrinsics), all laws, both readings, near and far
@@ -15,6 +16,7 @@ in search of one without a remark, for mode auto believes no other.
 
 With ``--far`` the target lies 4 to 30 radii of the fiducials away and its rays are 2 to 35 degrees apart; half of these
 designs are plain, and half lie just below a threshold of nu, by its parts but the fifth, which they are a test of.
+With ``--arm`` each has a robot between the shots and the tool, off by up to 40 times what is typical.
 What is printed is stated by the rule as it is now, of designs as they were drawn.
 
 Of each, limits of 0.9 to 1.31 times first order, at a quantile from P90 to P99.9: at which of them does first order
@@ -155,6 +157,7 @@ def main(argv: Sequence[str] | None = None) -> list[Held]:
     parser.add_argument("--designs", type=int, default=2000)
     parser.add_argument("--seed", type=int, help=f"default {SEED}, with --far {FAR_SEED}")
     parser.add_argument("--far", action="store_true", help="targets 4 to 30 radii away, rays 2 to 35 degrees apart")
+    parser.add_argument("--arm", action="store_true", help="a robot between the shots and the tool")
     parser.add_argument("--digest", type=Path, help="also write this table, CSV, of the far designs")
     parser.add_argument("--nu", type=float, nargs=2, help="range of the validity number without effects")
     asked = parser.parse_intermixed_args(argv)
@@ -168,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> list[Held]:
     for k in range(asked.designs):
         turn = k // len(asked.forms)
         laden = (turn % 3 == 1, turn % 4 == 1) if asked.far else (turn % 3 > 0, turn % 4 > 0)
-        form = form_of(asked.forms[k % len(asked.forms)], *laden, asked.far)
+        form = form_of(asked.forms[k % len(asked.forms)], *laden, asked.far, asked.arm)
         try:
             row = hold_design(rng, form, nu, LOOKS, PRECISE, 0 if k % JUDGED_EVERY else JUDGED)
         except NotConvergedError as refusal:

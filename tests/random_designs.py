@@ -23,6 +23,7 @@ LAWS = ("normal", "uniform", "triangular")
 FIDUCIALS = (6, 7, 8, 9, 10, 11, 12, 13, 14, 20, 40)
 VIEWS = (2, 3, 4, 5, 6, 7, 8)
 LOUDEST_PX = 5.0
+TURNS_DEG, SHIFTS_MM = ((0.002, 0.05), 1.0), ((0.01, 0.2), 10.0)  # of an arm: typical, and most
 RADII, RAYS_DEG, SPAN_DEG = (4.0, 30.0), (2.0, 35.0), (2.0, 70.0)  # of far targets
 
 
@@ -287,6 +288,35 @@ def with_corners(document: dict[str, Any], rng: np.random.Generator) -> dict[str
     return document
 
 
+def with_arm(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """The document with an arm of two to seven joints, near or far from the pose of the shots; what it is off by is 0.3
+    to 40 times what is typical."""
+    count, times = int(rng.integers(2, 8)), _log_uniform(rng, 0.3, 40)
+    joints = [
+        {
+            "name": f"J{k}", "type": "prismatic" if rng.random() < 0.1 else "revolute",
+            "xyz_mm": rng.uniform(-400, 400, 3).tolist(), "rpy_deg": rng.uniform(-120, 120, 3).tolist(),
+            "axis": _unit(rng).tolist() if rng.random() < 0.3 else np.eye(3)[rng.integers(3)].tolist(),
+        }
+        for k in range(count)
+    ]  # fmt: skip
+    shots = rng.uniform(-120, 120, count)
+    there = shots + rng.normal(0, 15, count) if rng.random() < 0.5 else rng.uniform(-120, 120, count)
+    arm = {"joints": joints, "joints_imaging_deg": shots.tolist(), "joints_executing_deg": there.tolist()}
+    angles, lengths = (np.minimum(times * _log_uniform(rng, *each), most) for each, most in (TURNS_DEG, SHIFTS_MM))
+    stated = {
+        "joint_sd_deg": float(angles),
+        "parameter_sd": {"length_mm": float(lengths), "angle_deg": float(angles)},
+        "repeatability_sd_deg": float(angles),
+        "payload_kg": _log_uniform(rng, 0.5, 5),
+    }
+    arm |= {name: value for name, value in stated.items() if rng.random() < 0.6}
+    if "payload_kg" in arm:
+        arm["stiffness_nm_per_rad"] = [_log_uniform(rng, 1e4, 1e6) for _ in joints]
+    document.setdefault("execution", {})["robot"] = arm
+    return document
+
+
 def with_bias(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """The document with a known error of 0.3 to 5 times the random one, along a lever, along the random error's longest
     axis or anywhere, in one of the mounts."""
@@ -334,13 +364,14 @@ def random_design(
     effects: bool = False,
     corners: bool = False,
     far: bool = False,
+    arm: bool = False,
 ) -> dict[str, Any]:
     """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm,
     as it is without effects and corners, which add to it.
 
     clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.  effects:
     with some of what can go wrong in an image.  corners: with some of what turns, and in two of three with a known
-    error of the size of the random one.
+    error of the size of the random one.  arm: with a robot between the shots and the tool.
     """
     for drawn in count():
         document = under(random_document(rng, views, fiducials, published, far), estimator, triangulation, rng)
@@ -357,8 +388,10 @@ def random_design(
                 document = with_effects(document, rng)
             if corners:
                 document = with_corners(document, rng)
-                if rng.random() < 0.67:
-                    document = with_bias(document, rng)
+            if arm:
+                document = with_arm(document, rng)
+            if corners and rng.random() < 0.67:
+                document = with_bias(document, rng)
             _, findings, _ = check_design(load_design(document))
             if drawn < clear and any(finding.rule in DETERMINATION for finding in findings):
                 continue

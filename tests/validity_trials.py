@@ -123,6 +123,7 @@ def classes_of(document: dict[str, Any], rules: Iterable[str]) -> tuple[str, ...
     ]
     found += ["known error of intrinsics"] if any(wrong) else []
     found += ["hand_eye"] if behind else []
+    found += ["robot"] if "robot" in document.get("execution", {}) else []
     found += ["known error of a mount"] if any("bias" in mount for mount in mounts) else []
     found += [document["name"]] if document["name"] != "random" else []
     found += ["locators"] if any("locators" in mount for mount in mounts) else []
@@ -160,17 +161,18 @@ class Form:
     corners: bool = False  # turns, locators, motion about far pivots, known errors
     fiducials: tuple[int, ...] = FIDUCIALS
     far: bool = False  # the target lies many radii of the fiducials away, and its rays are nearly parallel
+    arm: bool = False  # a robot goes from the shots to the tool
 
     @property
     def name(self) -> str:
         return f"{self.estimator}, {self.triangulation}"
 
 
-def form_of(text: str, effects: bool, corners: bool, far: bool = False) -> Form:
+def form_of(text: str, effects: bool, corners: bool, far: bool = False, arm: bool = False) -> Form:
     """Of an estimator with its triangulation, ``pose+weighted``; what knows the intrinsics needs fewer fiducials."""
     estimator, _, triangulation = text.partition("+")
     few = (4, 5) if Estimator(estimator).believes_intrinsics else ()
-    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS), far)
+    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS), far, arm)
 
 
 @dataclass(frozen=True)
@@ -302,7 +304,7 @@ def hold_design(
         nu = (0.7 * edge / times, edge / times) if rng.random() < 0.5 else (nu[0] / times, nu[1] / times)
     document = random_design(
         rng, views, fiducials, False, nu, clear, form.estimator, form.triangulation, form.effects, form.corners,
-        form.far,
+        form.far, form.arm,
     )  # fmt: skip
     error, quantile = str(rng.choice(ERRORS)), float(rng.choice([0.95, 0.95, 0.95, 0.9, 0.99, 0.999]))
     judged_at = float(rng.choice(FACTORS))
