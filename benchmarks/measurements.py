@@ -51,6 +51,10 @@ MEASUREMENTS: dict[str, Measurement] = {
         Target("designs of a table, normal laws: designs a second against the loop before", 700, 1500),
         Target("the same, the demo's own laws: designs a second against the loop before", 40, 100),
     )),
+    "workspace": Measurement(scores.workspace, (
+        Target("poses of an arm in study workspace, normal laws: against rows of a table", 2, 1, "×", "<"),
+        Target("the same, the demo's own laws", 2, 1, "×", "<"),
+    )),
     "memory": Measurement(engine.memory, (
         Target("memory of a run of 10^7 trials", 300, 150, "MB", "<"),
     ), timed=False),

@@ -29,6 +29,7 @@ from tailstack.people_tables import read_people_table
 from tailstack.propagation.columns import gains_of_images
 from tailstack.propagation.linear import chain_of, linearise
 from tailstack.results.json_text import write_json
+from tailstack.studies.workspace import study_workspace
 from tailstack.system import System
 from tailstack.tail.gaussian import norm_quantile_jit
 
@@ -186,6 +187,41 @@ def designs() -> Findings:
             Figure("the loop: load_design and score without losses, CPU", 1e3 * median(rounds.cpu["loop"]), "ms"),
         ],
     )  # fmt: skip
+
+
+ARM = {
+    "dh_convention": "standard",
+    "dh": [{"d_mm": 162.5, "alpha_deg": 90}, {"a_mm": -425}, {"a_mm": -392.2}, {"d_mm": 133.3, "alpha_deg": 90},
+           {"d_mm": 99.7, "alpha_deg": -90}, {"d_mm": 99.6}],
+    "joints_imaging_deg": [0, -100, 110, -100, -90, 0], "joints_executing_deg": [15, -90, 105, -105, -90, 15],
+    "joint_sd_deg": 0.01, "parameter_sd": {"length_mm": 0.05, "angle_deg": 0.01}, "repeatability_sd_deg": 0.002,
+}  # fmt: skip
+
+
+def workspace() -> Findings:
+    """Poses of an arm in a study against rows of a table of the same design, one core; normal laws, and the demo's."""
+    jobs: dict[str, Callable[[], int]] = {}
+    for name, data, count in (
+        ("normal", of_normal_laws(), 4096),
+        ("declared", dict(load_design(DEMO).source.data), 256),
+    ):
+        design = load_design(replace_value(data, ("execution", "robot"), ARM))
+        table = {NUMBERS[1]: np.linspace(0.1, 0.2, count)}
+
+        def posed(design: Design = design, count: int = count) -> int:
+            return study_workspace(design, poses=count).poses
+
+        def scored(design: Design = design, table: dict[str, Any] = table, count: int = count) -> int:
+            assert score_batch(design, table, threads=1).ways["compiled"] == count
+            return count
+
+        jobs |= {f"{name} poses": posed, f"{name} rows": scored}
+    for job in jobs.values():
+        job()  # compiled
+    rounds = interleave(jobs)
+    figures = [Figure(f"{name}, CPU", 1e6 * median(seconds), "µs") for name, seconds in rounds.cpu.items()]
+    ratios = [rounds.ratio(f"{name} poses", f"{name} rows") for name in ("normal", "declared")]
+    return Findings(ratios, rounds.foreign, figures)
 
 
 PEAK = """

@@ -24,6 +24,7 @@ VERB_OF = {
     "study-estimators": "study estimators",
     "study-views": "study views",
     "study-placement": "study placement",
+    "study-workspace": "study workspace",
     "study-comparison": "study compare",
     "gate": "gate",
     "report": "report",
@@ -35,7 +36,7 @@ VERB_OF = {
 ELSEWHERE = {"conversion": "tailstack_service.integrations.conversion"}  # modules that are not in this package
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: reach of the estimate, coupling, estimators, views, placement, measurements"}
+FAMILIES = {"study": "studies: reach of the estimate, coupling, estimators, views, placement, poses, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

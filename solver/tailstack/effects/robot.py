@@ -27,7 +27,7 @@ from pydantic import Field, model_validator
 from ..errors import Problem
 from ..fields import Angles, Coordinate, Degrees, Direction, Name, Point, Record, Typical, leave_out_later, refusal
 from ..geometry.arrays import Array, frozen
-from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_by, place_errors, rpy_joint, undo
+from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_at, place_errors, rpy_joint, undo
 from ..levels import Drawn
 from ..ranges import JOINT_SD_DEG, LINK_SD_DEG, LINK_SD_MM, AnySize
 from ..system import Act, Effect, Place, Scene, System
@@ -280,12 +280,12 @@ def screws_of(
     return screws, frozen(carry(undo(flange), twists))
 
 
-def _values(arm: Sequence[Joint], stated: Any) -> list[float]:
+def _values(arm: Sequence[Joint], stated: Any) -> list[Any]:
     """What a document says of each joint that moves, rad and mm, and 0 of those that are fixed; one number says it of
     all."""
     each = iter(stated if isinstance(stated, list) else [stated or 0.0] * len(arm))
     values = [next(each) if joint.moves else 0.0 for joint in arm]
-    return [radians(value) if joint.turns else value for joint, value in zip(arm, values, strict=True)]
+    return [np.deg2rad(value) if joint.turns else value for joint, value in zip(arm, values, strict=True)]
 
 
 class _Compiled(NamedTuple):
@@ -295,20 +295,24 @@ class _Compiled(NamedTuple):
     sag: Array  # (2, joints) rad and mm: what the payload turns each joint by, at each pose
 
 
+def _sag(robot: Robot, arm: Sequence[Joint], errors: Sequence[PlacedError], flange: Array) -> list[Any]:
+    """How far the payload turns each joint, rad and mm; errors, flange: of one pose, or of many (...)."""
+    if robot.stiffness_nm_per_rad is None or robot.payload_kg is None:
+        return [0.0] * len(arm)
+    up = np.array(robot.up) / np.linalg.norm(robot.up)
+    centre = flange[..., :3, :3] @ np.array(robot.payload_centre_mm) + flange[..., :3, 3]
+    motions, stiffness = (each for each in errors if each.name == MOTION), iter(robot.stiffness_nm_per_rad)
+    sag: list[Any] = []
+    for joint, motion in zip(arm, motions, strict=True):
+        push = -robot.payload_kg * GRAVITY * (move_at(motion.twist, centre) @ up)  # N mm, of a slide N
+        sag.append(push * (1e-3 if joint.turns else 1.0) / next(stiffness) if joint.moves else 0.0)
+    return sag
+
+
 def _compile_arm(robot: Robot) -> _Compiled:
     arm = robot.arm
     poses = _values(arm, robot.joints_imaging_deg), _values(arm, robot.joints_executing_deg)
-    sag = np.zeros((2, len(arm)))
-    if robot.stiffness_nm_per_rad is not None and robot.payload_kg is not None:
-        up = np.array(robot.up) / np.linalg.norm(robot.up)
-        for pose, values in enumerate(poses):
-            errors, flange = place_errors(arm, values)
-            centre = flange[:3, :3] @ np.array(robot.payload_centre_mm) + flange[:3, 3]
-            joints = np.array([each.twist for each in errors if each.name == MOTION])
-            push = -robot.payload_kg * GRAVITY * (up @ move_by(joints, centre))  # N mm, of a slide N
-            moving = [index for index, joint in enumerate(arm) if joint.moves]
-            per = np.array([1e-3 if joint.turns else 1.0 for joint in arm])
-            sag[pose, moving] = (push * per)[moving] / robot.stiffness_nm_per_rad
+    sag = np.array([_sag(robot, arm, *place_errors(arm, values)) for values in poses])
     anew = robot.repeatability_sd_deg is not None or bool(sag.any())
     screws, twists = screws_of(arm, poses, anew)
     return _Compiled(arm, screws, twists, sag)
@@ -368,6 +372,41 @@ def _scatter(compiled: _Compiled, widths: Sequence[float], at: str) -> RobotEffe
     known = frozen(np.zeros(2 * len(arm)))
     sources = gather_sources(stated, 2 * len(arm))
     return RobotEffect(name, name.replace("_", " "), at, Drawn.SHOT, sources, known, twists, frozen(amounts))
+
+
+class ErrorsAt(NamedTuple):
+    """What n poses of the tool make of the error of a point of the flange, by first order; in the axes of the flange at
+    the imaging pose."""
+
+    known: Array  # (n, 3) mm
+    covariance: Array  # (n, 3, 3) mm^2
+    place: Array  # (n, 3) mm: where the point then is, in the base
+
+
+def errors_at(robot: Robot, effects: Sequence[Effect], executing: Array, point_mm: Array) -> ErrorsAt:
+    """executing (n, joints that move) deg and mm, in place of the robot's own; effects: that it compiles to; point (3,)
+    mm, flange."""
+    arm = robot.arm
+    first, flange = place_errors(arm, _values(arm, robot.joints_imaging_deg))
+    second, there = place_errors(arm, _values(arm, list(executing.T)))
+    sags = zip(_sag(robot, arm, first, flange), _sag(robot, arm, second, there), strict=True)
+    spread = {
+        (each.name, name): std
+        for each in effects
+        for name, std in zip(each.sources.names, each.sources.std, strict=True)
+    }
+    point = flange[:3, :3] @ point_mm + flange[:3, 3]
+    known, columns = np.zeros((len(executing), 3)), []
+    for one, other in zip(first, second, strict=True):
+        name, gains = arm[one.joint].name, (-move_at(one.twist, point), move_at(other.twist, point))
+        columns.append(spread.get((f"robot:{name}", one.name), 0.0) * (gains[0] + gains[1]))
+        if one.name == MOTION:
+            for gain, word, sag in zip(gains, ("imaging", "executing"), next(sags), strict=True):
+                columns.append(spread.get(("joint_scatter", f"{name}.{word}"), 0.0) * gain)
+                known += gain * np.asarray(sag)[..., None]
+    moved = np.stack(np.broadcast_arrays(known, *columns)[1:], axis=-1)  # (n, 3, K)
+    turn, place = flange[:3, :3], there[:, :3, :3] @ point_mm + there[:, :3, 3]
+    return ErrorsAt(known @ turn, turn.T @ (moved @ np.swapaxes(moved, 1, 2)) @ turn, place)
 
 
 def _check(section: OfExecution, pivots_mm: Pivots) -> Iterator[Problem]:

@@ -21,32 +21,38 @@ from .arrays import Array
 from .rotation import rigid_transform, skew
 
 
-def screw(twist: Array, amount: float) -> Array:
-    """(4, 4) finite motion by a twist (6,), rad or mm."""
-    w, v = twist[:3], twist[3:]
+def screw(twist: Array, amount: Any) -> Array:
+    """(..., 4, 4) finite motions by a twist (6,), amount (...) rad or mm."""
+    w, v, amount = twist[:3], twist[3:], np.asarray(amount)[..., None]
     if not w.any():
         return rigid_transform(np.eye(3), v * amount)
     k = skew(w)
-    turn = np.eye(3) + np.sin(amount) * k + (1 - np.cos(amount)) * (k @ k)
+    turn = np.eye(3) + np.sin(amount)[..., None] * k + (1 - np.cos(amount))[..., None] * (k @ k)
     away = np.cross(w, v)  # of its axis from the origin
     return rigid_transform(turn, away - turn @ away + w * (w @ v) * amount)
 
 
 def carry(transform: Array, twists: Array) -> Array:
-    """Twists (..., 6) in the frame that a rigid transform (4, 4) maps to."""
-    turn, shift = transform[:3, :3], transform[:3, 3]
-    w, v = twists[..., :3] @ turn.T, twists[..., 3:] @ turn.T
+    """Twists (..., 6) in the frame that a rigid transform (..., 4, 4) maps to."""
+    turn, shift = transform[..., :3, :3], transform[..., :3, 3]
+    w, v = ((turn @ each[..., None])[..., 0] for each in (twists[..., :3], twists[..., 3:]))
     return np.concatenate([w, v + np.cross(shift, w)], axis=-1)
 
 
 def undo(transform: Array) -> Array:
-    """(4, 4) inverse of a rigid one."""
-    return rigid_transform(transform[:3, :3].T, -transform[:3, :3].T @ transform[:3, 3])
+    """(..., 4, 4) inverses of rigid ones."""
+    back = np.swapaxes(transform[..., :3, :3], -1, -2)
+    return rigid_transform(back, -(back @ transform[..., :3, 3:])[..., 0])
 
 
 def move_by(twists: Array, point: Any) -> Any:
     """(3, S) mm: how each of twists (S, 6) moves a point (3,), per unit."""
     return np.cross(twists[:, :3], point).T + twists[:, 3:].T
+
+
+def move_at(twist: Array, point: Array) -> Array:
+    """(..., 3) mm: how a twist (..., 6) moves a point (..., 3), per unit."""
+    return np.asarray(np.cross(twist[..., :3], point) + twist[..., 3:])
 
 
 TWIST = dict(zip(("rx", "ry", "rz", "x", "y", "z"), np.eye(6), strict=True))
@@ -120,20 +126,24 @@ class PlacedError(NamedTuple):
 
     joint: int
     name: str
-    twist: Array
+    twist: Array  # (..., 6)
 
 
 MOTION = "joint"  # the name of the error of a joint's own motion
 
 
-def place_errors(arm: Sequence[Joint], values: Iterable[float]) -> tuple[list[PlacedError], Array]:
-    """The errors of an arm in the order that they act in, and the pose (4, 4) of its tip in its base; values: of the
-    joints, rad or mm."""
+def place_errors(arm: Sequence[Joint], values: Iterable[Any]) -> tuple[list[PlacedError], Array]:
+    """The errors of an arm in the order that they act in, and the pose (..., 4, 4) of its tip in its base; values: of
+    the joints, rad or mm, (...) each."""
     frame, errors = np.eye(4), []
     for index, (joint, value) in enumerate(zip(arm, values, strict=True)):
         frame = frame @ joint.before
-        errors += [PlacedError(index, link.name, carry(frame, link.twist)) for link in joint.leading]
-        errors.append(PlacedError(index, MOTION, carry(frame, joint.twist)))
+        errors += _place(index, (*joint.leading, LinkParameter(MOTION, joint.twist)), frame)
         frame = frame @ screw(joint.twist, value) @ joint.after
-        errors += [PlacedError(index, link.name, carry(frame, link.twist)) for link in joint.trailing]
+        errors += _place(index, joint.trailing, frame)
     return errors, frame
+
+
+def _place(joint: int, parameters: Sequence[LinkParameter], frame: Array) -> list[PlacedError]:
+    twists = carry(frame[..., None, :, :], np.array([each.twist for each in parameters]).reshape(-1, 6))
+    return [PlacedError(joint, each.name, twists[..., k, :]) for k, each in enumerate(parameters)]
