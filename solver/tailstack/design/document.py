@@ -608,6 +608,17 @@ class Interfaces(Record):
     )
 
 
+class PosePairs(Record):
+    """Where the poses of a hand-eye calibration stand."""
+
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
+        description="CSV beside the design: of each pose flange_x_mm, flange_y_mm, flange_z_mm, flange_qw, flange_qx, "
+        "flange_qy, flange_qz (in the robot's base), and the same of tool_ (in the tracker). Not in a request, which "
+        "has their covariance.",
+        examples=["hand_eye.csv"],
+    )
+
+
 class HandEye(Record):
     """Error of the calibrated transform to the tool, acting in the tcp frame."""
 
@@ -622,9 +633,19 @@ class HandEye(Record):
     tolerances: Annotated[Tolerances, HAND_EYE_DEG, HAND_EYE_MM] = Field(
         default_factory=Tolerances, description="Half-width and law per component."
     )
+    pose_pairs: PosePairs | None = Field(
+        default=None, description="The poses that it was calibrated by, which are read into pivot_mm and tolerances."
+    )
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later({"drawn": Drawn.UNIT, "pose_pairs": None})
+
+    @model_validator(mode="after")
+    def _stated_once(self) -> HandEye:
+        given = [name for name in ("pivot_mm", "tolerances") if name in self.model_fields_set]
+        if self.pose_pairs is not None and given:
+            raise refusal("one-of", f"pose_pairs state {given[0]}, which arrived beside them", "keep one", given[0])
+        return self
 
 
 class Repeatability(Record):

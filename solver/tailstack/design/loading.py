@@ -17,13 +17,14 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, LimitError, Problem, TailstackError
 from ..results.json_text import write_json
-from . import urdf_files
+from . import hand_eye_files, urdf_files
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import (
     SCHEMA_NAME,
     DesignDocument,
     FiducialOrigin,
+    HandEye,
     Interface,
     Interfaces,
     LocatorFile,
@@ -88,8 +89,9 @@ class Design:
         surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
         seats = [drawing.file for _, drawing in list_drawings(written)]
         points = [each.file for each in written.point_files.values()]
-        robot = getattr(written.execution, "robot", None)
+        robot, hand_eye = getattr(written.execution, "robot", None), written.execution.hand_eye
         arms = [] if robot is None or robot.urdf is None else [robot.urdf.file]
+        arms += [] if hand_eye is None or hand_eye.pose_pairs is None else [hand_eye.pose_pairs.file]
         named = [written.fiducials.file, *points, *surfaces, *seats, *arms]
         return [name for name in dict.fromkeys(named) if name]
 
@@ -205,7 +207,7 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     document = reader.with_drawn_seats(document)
     if document.point_files:  # what they hold is judged with the rest of the document
         document = reader.with_points_of_files(document)
-    document = reader.with_arm(document)
+    document = reader.with_pose_pairs(reader.with_arm(document))
     for pointer, surface in surfaces_in(document.optimise).items():
         section = put_surface(document.optimise, pointer, reader.with_content(surface, pointer))
         document = document.model_copy(update={"optimise": section})
@@ -366,6 +368,25 @@ class _FileReader:
         read = robot.model_copy(update={"urdf": None, "joints": joints})
         read.model_fields_set.discard("urdf")  # nobody stated that there is none
         execution = document.execution.model_copy(update={"robot": read})
+        return document.model_copy(update={"execution": execution})
+
+    def with_pose_pairs(self, document: DesignDocument) -> DesignDocument:
+        """The document with the tolerances of the hand-eye calibration in place of a file of its poses."""
+        hand_eye = document.execution.hand_eye
+        if hand_eye is None or hand_eye.pose_pairs is None:
+            return document
+        with self._placing():
+            to_tcp = compile_transform(document.transforms.T_tcp_flange, "/transforms/T_tcp_flange", [])
+        name = hand_eye.pose_pairs.file
+        with self._placing("/execution/hand_eye/pose_pairs"):
+            path = self.find(name, hand_eye_files.ENDINGS, "put their covariance into tolerances.covariance_deg_mm")
+            content = read_bytes(path, hand_eye_files.MOST_BYTES, name)
+            pivot_mm, tolerances = hand_eye_files.read_pose_pairs(content, name, to_tcp)
+        stated = {"pivot_mm": tuple(pivot_mm.tolist()), "tolerances": tolerances}
+        read = HandEye(
+            **{name: getattr(hand_eye, name) for name in hand_eye.model_fields_set - {"pose_pairs"}} | stated
+        )
+        execution = document.execution.model_copy(update={"hand_eye": read})
         return document.model_copy(update={"execution": execution})
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
