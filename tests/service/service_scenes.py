@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import socket
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -41,6 +42,15 @@ def copy_with_toy(package: Path, folder: Path, toy: str, text: str, table: str, 
         listed = listed.replace(before, after)
     (copied / table).write_text(listed, encoding="utf-8")
     return folder
+
+
+def convert_by_libreoffice(path: Path, form: str, folder: Path | None = None) -> None:
+    """A file as LibreOffice reads it, written in another format, into a folder or beside it."""
+    if shutil.which("soffice") is None:
+        pytest.skip("LibreOffice is not installed")
+    own = f"-env:UserInstallation={(path.parent / 'profile').as_uri()}"
+    command = ["soffice", own, "--headless", "--convert-to", form, "--outdir", str(folder or path.parent), str(path)]
+    subprocess.run(command, check=True, capture_output=True, timeout=LIMIT_SECONDS)
 
 
 def small_design(**changes: Any) -> dict[str, Any]:

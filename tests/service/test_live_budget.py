@@ -9,12 +9,13 @@ import io
 import re
 from copy import deepcopy
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import openpyxl
 import pytest
-from service_scenes import limited, small_design
+from service_scenes import convert_by_libreoffice, limited, small_design
 
 from tailstack import load_design, score
 from tailstack.results import Contributor, TargetScore
@@ -142,6 +143,23 @@ def test_changed_half_widths_give_the_shares_of_a_new_score_and_nearly_its_value
         assert sheet.number("Contribution", sheet.last) == pytest.approx(rss, rel=1e-9)
         share = sheet.number("Share of variance", row_of(sheet, "connector_flange", "rx"))
         assert share == pytest.approx(line_of(truth, "connector_flange", "rx").variance_share, rel=1e-9)
+
+
+@pytest.mark.long
+def test_a_spreadsheet_program_computes_what_is_computed_here(tmp_path: Path) -> None:
+    """oracle: LibreOffice, of half-widths that were all changed."""
+    content, path = made(0.9)[1], tmp_path / "changed.xlsx"
+    sheet, book = Sheet(content), openpyxl.load_workbook(io.BytesIO(content))
+    for k, row in enumerate(sheet.entries):
+        place = f"{sheet.column['Half-width']}{row}"
+        book["What if"][place] = sheet.cells[place] = (0.6 + 0.2 * (k % 4)) * sheet.cells[place]
+    book.save(path)
+    convert_by_libreoffice(path, "xlsx", tmp_path / "computed")
+    found = openpyxl.load_workbook(tmp_path / "computed" / path.name, data_only=True)["What if"]
+    for place, cell in sheet.cells.items():
+        if isinstance(cell, str) and cell.startswith("="):
+            assert found[place].value == pytest.approx(sheet._number(place), rel=1e-9), place
+    assert sheet.number("Value", sheet.last) != pytest.approx(Sheet(content).number("Value", sheet.last), rel=0.01)
 
 
 def test_without_a_limit_the_sheet_tells_p95_and_no_slack() -> None:

@@ -7,8 +7,6 @@ import hashlib
 import io
 import json
 import re
-import shutil
-import subprocess
 import sys
 from functools import cache
 from html.parser import HTMLParser
@@ -22,7 +20,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from matplotlib import font_manager
 from pypdf import PdfReader
-from service_scenes import EXAMPLES, limited, luminance, small_design
+from service_scenes import EXAMPLES, convert_by_libreoffice, limited, luminance, small_design
 from work_driver import run_job
 
 from plain_data import problems_of
@@ -39,7 +37,6 @@ from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.records import Report
 from tailstack_service.schemas import json_schema
-from waiting import LIMIT_SECONDS
 
 HOSTILE = "<script>alert(1)</script>\"&'"
 FORMULA = '=HYPERLINK("http://127.0.0.1","x")'
@@ -377,14 +374,11 @@ def lines_of(text: str, wide: float, font: Any) -> int:
     return lines
 
 
-@pytest.mark.skipif(shutil.which("soffice") is None, reason="LibreOffice is not installed")
 def test_the_spreadsheet_prints_on_as_many_pages_as_it_has_sheets_and_few_more(body: bytes, tmp_path: Path) -> None:
     """oracle: LibreOffice.  Only the design, a line a row, is longer than a page."""
     path = tmp_path / "report.xlsx"
     path.write_bytes(content := rendered("report", body, "xlsx"))
-    own = f"-env:UserInstallation={(tmp_path / 'profile').as_uri()}"
-    command = ["soffice", own, "--headless", "--convert-to", "pdf", "--outdir", str(tmp_path), str(path)]
-    subprocess.run(command, check=True, capture_output=True, timeout=LIMIT_SECONDS)
+    convert_by_libreoffice(path, "pdf")
     sheets = openpyxl.load_workbook(io.BytesIO(content)).sheetnames
     assert len(PdfReader(tmp_path / "report.pdf").pages) <= len(sheets) + 8
 
