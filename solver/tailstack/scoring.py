@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
@@ -58,7 +59,7 @@ from .results import (
 )
 from .results.quality import ppk_of
 from .results.score import FiftyShots
-from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, decisive_check
+from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, MeasureShare, decisive_check
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, LinearLaw, MixedLaw, PairLaw, law_exceedance, law_quantile, law_summary
@@ -121,7 +122,8 @@ def score(
         for requirement in system.requirements
         for name in requirement.targets
     )
-    decides = decisive_check(checks)
+    decides, derived = decisive_check(checks), system.derived_metrics
+    judged = {(name, item.error) for item in system.requirements for name in item.targets}
     if search is not None and system.loss_probability:
         trust = trust_over_shots(trust, search)
         findings += (_remark_missed(search, trust),)
@@ -137,7 +139,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(_score_measure(metrics[metric.key], metric.site) for metric in system.derived_metrics),
+        measures=tuple(_score_measure(metrics[each.key], each.site, each.key in judged) for each in derived),
         levers=tuple(_levers(design, system, metrics, targets)) if losses and not system.loss_probability else (),
         fifty_shots=_draw_fifty(decides, metrics[decides.target, decides.error]) if fifty_shots and decides else None,
         covariances=tuple(_relate_targets(models)) if covariances else (),
@@ -326,7 +328,7 @@ def _score_error(system: System, model: ErrorModel, error: str, search: LossSear
     return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
 
 
-def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
+def _score_measure(error: ErrorScore, site: Site, judged: bool) -> MeasureResult:
     measure, summary, (mean, total) = MEASURE[error.at.error], error.summary, error.moments
     limited, size = site.is_scalar and error.limit is not None, np.linalg.norm(mean.reshape(-1, 3), axis=1).max()
     return MeasureResult(
@@ -345,7 +347,19 @@ def _score_measure(error: ErrorScore, site: Site) -> MeasureResult:
         ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0])), site.is_one_sided)
         if limited
         else None,
+        shares=_share_out(error) if judged else (),
     )
+
+
+def _share_out(error: ErrorScore) -> tuple[MeasureShare, ...]:
+    """By contributor, of which the images of two targets are one."""
+    squares: defaultdict[tuple[str, str, str], float] = defaultdict(float)
+    for block in error.model.blocks:
+        key = block.contributor, block.label, str(block.drawn)
+        squares[key] += float((block.columns_mm(error.at.error) ** 2).sum())
+    whole = sum(squares.values()) or 1.0
+    ordered = sorted(squares.items(), key=lambda item: -item[1])
+    return tuple(MeasureShare(*key, variance_share=square / whole) for key, square in ordered)
 
 
 def _draw_fifty(check: Check, error: ErrorScore) -> FiftyShots:

@@ -139,6 +139,20 @@ class Breach:
 
 
 @dataclass(frozen=True, slots=True)
+class MeasureShare:
+    """What one contributor makes of a measure."""
+
+    name: str
+    """Source of error, as a contributor of the budget is called."""
+    label: str
+    """What people call it."""
+    drawn: str
+    """It takes a new value once per unit, mounting or shot."""
+    variance_share: float
+    """Share of the trace of the measure's covariance, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
 class MeasureResult:
     """A measure made of the errors at targets, at one of its sites; its numbers are in `unit`."""
 
@@ -170,6 +184,9 @@ class MeasureResult:
     """Process performance index (limit - |mean|) / (3 std), of one number with its sign; null of a vector, or without a
     limit. It stands beside the probability and decides nothing.
     """
+    shares: tuple[MeasureShare, ...] = ()
+    """Of its contributors, the largest first, in shots that miss no fiducial; empty without a requirement, and of
+    trials."""
 
 
 MISSED = "missed fiducials included"  # of what is over all shots of a design that says how often they are missed
@@ -503,6 +520,19 @@ def measures_table(measures: Sequence[MeasureResult]) -> Table:
         Column("Beyond limit", "%", "percent", 2, of=lambda row: row.exceedance_probability),
     )
     return tabulate("Measures", "What is made of the errors at the targets", columns, measures)
+
+
+def shares_table(measures: Sequence[MeasureResult]) -> Table | None:
+    """What is to blame for each measure that is limited, if any is."""
+    columns = (
+        Column("Measure", of=lambda row: row[0].words),
+        Column("At", of=lambda row: row[0].site),
+        Column("Contributor", of=lambda row: row[1].label),
+        Column("Drawn per", of=lambda row: row[1].drawn),
+        Column("Share of variance", "%", "percent", 1, of=lambda row: row[1].variance_share),
+    )
+    rows = [(each, share) for each in measures for share in each.shares if share.variance_share > 0]
+    return tabulate("Shares", "What makes each measure that is limited", columns, rows) if rows else None
 
 
 def breaches_table(measures: Sequence[MeasureResult]) -> Table:

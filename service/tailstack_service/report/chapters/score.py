@@ -33,6 +33,7 @@ from tailstack.results.verdicts import (
     measures_table,
     name_basis,
     requirements_table,
+    shares_table,
 )
 
 from ...rendering.blocks import (
@@ -349,7 +350,7 @@ def measures_blocks(found: Score | Verification) -> tuple[Block, ...]:
     figures of what has a limit."""
     measures, quality = found.measures, quality_table(found.targets, found.measures)
     breaches = (breaches_table(measures),) if any(measure.breaches for measure in measures) else ()
-    told = () if quality is None else (group(quality, on=IN_DETAIL),)
+    told = tuple(group(each, on=IN_DETAIL) for each in (shares_table(measures), quality) if each is not None)
     return (*((measures_table(measures),) if measures else ()), *breaches, *told)
 
 
