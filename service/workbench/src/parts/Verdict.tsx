@@ -65,7 +65,7 @@ export function Verdict() {
             {worst && <div><dt>Between</dt><dd>{interval(worst.interval, d)}</dd></div>}
             {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)}{sign(worst.unit)}</dd></div>}
             {others(reading).map(({ requirement, target, value, limit: most, unit: own, status: is }) => <div key={requirement} class="other"><dt>{`${requirement}, ${target}`}</dt><dd class={`status ${is}`}>{`${told(value, decimalsOf(reading.record as Score, own), own)} of ${limitWords(most, decimalsOf(reading.record as Score, own), own)}`}</dd></div>)}
-            {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
+            {worst?.yield_fraction != null && <div><dt>{worst.risk === "per_mounting" ? "Mountings" : "Units"} that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
             <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{told(own.known, d, unit)}</dd></div>
             <div><dt>Mean error</dt><dd>{told(own.mean, d, unit)}</dd></div>
           </dl>
