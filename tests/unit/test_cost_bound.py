@@ -19,7 +19,7 @@ from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import law_with
 from tailstack.optimisation.prices import Price, PricedGrade, of_grades, reciprocal
 from tailstack.optimisation.problem import FreeHalfWidth, mount_named, present_choice
-from tailstack.optimisation.search import search
+from tailstack.optimisation.search import prepare_search, search
 from tailstack.optimisation.terms import every_terms
 from tailstack.system import Law
 from tailstack.tail.declared import law_cdf, law_quantile
@@ -174,6 +174,9 @@ def test_a_search_ends_when_it_is_near_enough() -> None:
     assert search(problem, starts=2, enough=told.lower_bound).stopped == "all 2 starts were solved"
     least = replace(problem, objective="quantile", half_widths=())
     assert 0 < enough_for(least, 0.01) < search(least, starts=2).best_objective * 1.01
+    plain, weighed = (prepare_search(least, starts=4, enough=each).starts for each in (-np.inf, 0.0))
+    same = [bool(np.array_equal(a.x, b.x)) for a, b in zip(plain, weighed, strict=True)]
+    assert same == [True, False, True, False]  # every second one is drawn from the weights of the bound
     assert enough_for(problem, None) == enough_for(replace(problem, objective="scaling"), 0.01) == -np.inf
 
 

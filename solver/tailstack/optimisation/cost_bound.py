@@ -206,10 +206,14 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     begin (K,): half-widths about which the first tangents touch.  Raises NoBound.
     """
 
+    known: dict[bytes, float] = {}
+
     def ratio(logs: Array, fine: bool = False) -> float:
+        if not fine and (before := known.get(logs.tobytes())) is not None:
+            return before
         each = ((_law_at(own, logs), own.level, own.limit_mm) for own in allowed)
         largest = max(sure_quantile(law, level, fine) / limit for law, level, limit in each)
-        return largest if fine else largest / (1 + COARSE)
+        return largest if fine else known.setdefault(logs.tobytes(), largest / (1 + COARSE))
 
     low, high = np.log(problem.lower), np.log(problem.upper)
     if ratio(low, True) > 1:

@@ -58,6 +58,7 @@ MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes ther
 WITHOUT_SPACING = 12  # cells along an axis where beads are not kept apart
 ROUNDS, UPDATES = 14, 6  # layouts added to the weights of each direction; updates of these weights after each
 MEAN_ERROR = 1e-6  # relative, of a mean over a law
+WEIGHED = 100  # updates of the weights of candidates
 SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
 INSIDE, INSIDE_ERROR = 1 - 1e-9, 1e-11  # how far L stays within its planes, and how far these may be rounded
 REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for unknowns of about one size
@@ -202,6 +203,7 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
         net = net_of(problem, term)
         bound = bound_quantile(net, problem, term, choice.half_width)
         at_least = bound_quantile(net, problem, term, problem.lower) if problem.half_widths else None
+        images = None if reached is None else _gap_of_images(problem, term, choice)
     except NoBound as reason:
         return replace(told, statement=f"No bound: {reason}.")
     names, least = left_out(problem, term), float(at_most(bound.value_mm, SAID))
@@ -209,6 +211,8 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     gap = None if reached is None else 100 * (reached / least - 1)
     own = "" if gap is None else f"; this one has {value:.4g} mm ({gap:.2g} % more)"
     rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
+    if images is not None:
+        own += f"; the root mean square of what comes through its images is at most {images:.2g} % above the least"
     if least > limit:
         smallest = "" if tightest is None else f" with every free half-width at its smallest ({tightest:g} mm)"
         if tightest is not None:
@@ -224,6 +228,7 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
         lower_bound_mm=least,
         tightest_bound_mm=tightest,
         gap_percent=gap,
+        images_gap_percent=images,
         left_out=names,
         statement=statement,
     )
@@ -235,6 +240,18 @@ def _value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> f
         return evaluate_demand(problem, term, choice).exact_mm
     except IllPosedError:
         return inf
+
+
+def _gap_of_images(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
+    """How far the root mean square of what comes through the images of a layout is above the least of any, %, as what
+    is limited feels it; covariances are bounded whatever the laws are."""
+    images = evaluate_demand(problem, term, choice).images
+    covariance, requirement = images.noise + images.made, term.demand.requirement
+    law = law_with(term, choice.half_width, covariance)
+    felt = mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
+    information = information_of(problem, term, every_law=True)
+    least = least_mean_square(information, cells_in(information), term.to_error.T @ felt @ term.to_error)
+    return float(100 * (sqrt((felt * covariance).sum() / least) - 1))
 
 
 def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
@@ -299,8 +316,9 @@ def sure_quantile(law: LinearLaw, p: float, fine: bool = True) -> float:
     return found.quantile_mm - found.error_mm
 
 
-def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
-    """Of the images of the target of a demand and of all fiducials, wherever they may be."""
+def information_of(problem: PlacementProblem, term: DemandTerms, every_law: bool = False) -> Information:
+    """Of the images of the target of a demand and of all fiducials, wherever they may be; with manufacturing errors of
+    ``every_law``, or of those that a quantile is bounded with."""
     system, estimation = problem.system, problem.estimation
     target, turn, shift = term.reconstructed_mm[0], estimation.assumed_turn, estimation.assumed_shift_mm
     noise = estimation.imaging.estimation
@@ -321,7 +339,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms) -> Information:
         place = places.get(i)
         region = BoxRegion(position, position) if place is None else place.region
         each = (i,) if place is None else place.fiducials
-        std = system.manufacturing_std_mm[list(each)] * _counts_made(problem, term)
+        std = system.manufacturing_std_mm[list(each)] * (every_law or _counts_made(problem, term))
         made = np.stack([turn * axis for axis in std])
         sees = system.sees[:, list(each)].T > 0
         maps = tuple(assume @ copies[k] for k in range(len(each)))
@@ -449,11 +467,15 @@ class Cells(NamedTuple):
 
     def most(self, values: Array) -> Array:
         """(K,): the largest sum over the beads of values (n, K) of the cells that they are in."""
-        count = self.beads.number
         if not self.apart:
-            return np.asarray(count * values.max(axis=0))
-        kept = min(count, len(values))
-        return np.asarray(np.partition(values, len(values) - kept, axis=0)[len(values) - kept :].sum(axis=0))
+            return np.asarray(self.beads.number * values.max(axis=0))
+        rest = len(values) - self.kept
+        return np.asarray(np.partition(values, rest, axis=0)[rest:].sum(axis=0))
+
+    @property
+    def kept(self) -> int:
+        """In how many cells beads are where they know most."""
+        return min(self.beads.number, len(self.centres)) if self.apart else 1
 
 
 def cells_of(information: Information, beads: AlikeBeads) -> Cells:
@@ -483,6 +505,11 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     return Cells(beads, places, centres, half * (1 + 1e-12), reach * (1 + 1e-12), apart, np.concatenate(slopes, axis=1))
 
 
+def cells_in(information: Information) -> tuple[Cells, ...]:
+    """Of all fiducials."""
+    return tuple(cells_of(information, beads) for beads in information.beads)
+
+
 def _reaches(region: Shape, points: Array, within_mm: float) -> NDArray[np.bool_]:
     """(n,) whether some of a region may be so near to points (n, 3): never no where some is."""
     if isinstance(region, NearSurface):
@@ -491,9 +518,11 @@ def _reaches(region: Shape, points: Array, within_mm: float) -> NDArray[np.bool_
     return contains(whole, points, within_mm)
 
 
-def most_known(information: Information, cells: tuple[Cells, ...], z: Array) -> Array:
-    """(K,) U: no layout has more information than that along the first three of unknowns z (K, D), rounded up."""
+def most_known(information: Information, cells: tuple[Cells, ...], z: Array, together: bool = False) -> Array:
+    """(K,) U: no layout has more information than that along the first three of unknowns z (K, D), rounded up; (1,)
+    along all of them ``together``."""
     total = known_from_target(information, z)
+    total = total.sum(keepdims=True) if together else total
     for each in cells:
         corners = np.zeros((8, len(each.centres), len(z)))
         for place, sees, made in zip(each.places, each.beads.sees, each.beads.made_mm, strict=True):
@@ -509,6 +538,7 @@ def most_known(information: Information, cells: tuple[Cells, ...], z: Array) -> 
                 displaced = units @ made.T
                 corners += (units**2).sum(axis=2)
             corners += enclose(forms, each.centres, each.half, each.reach, displaced)
+        corners = corners.sum(axis=2, keepdims=True) if together else corners
         total = total + each.most(corners.max(axis=0))
     return np.asarray(total * (1 + 1e-12))
 
@@ -544,16 +574,67 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
         for own in cells:
             told = ((own.slopes @ z.T) ** 2).sum(axis=1)
             known = known + own.most(told)
-            kept = min(own.beads.number, len(told)) if own.apart else 1
-            picked = own.slopes[np.argpartition(told, len(told) - kept, axis=0)[len(told) - kept :].T]
+            picked = own.slopes[np.argpartition(told, -own.kept, axis=0)[-own.kept :].T]
             rows = picked.reshape(count, -1, size)
-            added += np.swapaxes(rows, 1, 2) @ rows * (own.beads.number / kept if not own.apart else 1)
+            added += np.swapaxes(rows, 1, 2) @ rows * (1 if own.apart else own.beads.number)
         better = known < least
         best[better], least[better] = z[better], known[better]
         share = 1 / (layouts.shape[1] + 1)
         layouts = np.concatenate([layouts, added[:, None]], axis=1)
         weights = np.column_stack([weights * (1 - share), np.full(count, share)])
     return best
+
+
+def least_mean_square(information: Information, cells: tuple[Cells, ...], weight: Array) -> float:
+    """mm^2 that ``trace(weight S)`` of no layout is below, S (3, 3) its covariance, whatever the laws; weight (3, 3).
+
+    For any z_k, and a_k with ``weight = sum of a_k a_k'``, it is at least ``(sum of a_k . z_k)^2`` over what is known
+    along all z_k together (Cauchy and Schwarz).  Those of a mixture of layouts for which it is nearly least are taken.
+    """
+    sizes, axes = np.linalg.eigh(weight)
+    aims = np.zeros((information.unknowns, 3))
+    aims[:3] = axes * np.sqrt(np.maximum(sizes, 0.0))
+    base = _target_information(information)
+    layouts: Array = (base + sum(each.evenly for each in cells))[None]
+    weights: Array = np.ones(1)
+    best: Array = aims.T
+    most = 0.0
+    for _ in range(2 * ROUNDS):
+        for _ in range(UPDATES if len(layouts) > 1 else 1):
+            z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
+            each = np.einsum("kd,sde,ke->s", z, layouts, z, optimize=True)
+            weights = weights * each / (weights @ each)
+        z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
+        added, known = base.copy(), float((z @ base * z).sum())
+        for own in cells:
+            told = ((own.slopes @ z.T) ** 2).sum(axis=(1, 2))
+            known += float(own.most(told[:, None])[0])
+            rows = own.slopes[np.argpartition(told, -own.kept)[-own.kept :]].reshape(-1, len(base))
+            added += rows.T @ rows * (1 if own.apart else own.beads.number)
+        if (value := float((aims.T * z).sum()) ** 2 / known) > most:
+            best, most = np.asarray(z, dtype=float), value
+        share = 1 / (len(layouts) + 1)
+        layouts, weights = np.concatenate([layouts, added[None]]), np.append(weights * (1 - share), share)
+    return float((aims.T * best).sum() ** 2 / most_known(information, cells, best, together=True)[0]) * INSIDE
+
+
+def weigh_candidates(problem: PlacementProblem, term: DemandTerms, pools: Sequence[Array]) -> list[Array]:
+    """(C,) weights of the candidates (C, G, 3), assumed, of each region in the mixture that has the least mean square
+    of an error.  In floats: bad ones only make worse starts."""
+    information = information_of(problem, term)
+    _, which = distinct(place.region for place in problem.places)
+    numbers, sees = np.bincount(which), information.beads[0].sees[0]
+    each = [np.concatenate([slopes_at(information, 0, np.eye(4), sees, part).unknowns for part in parts], axis=1)
+            for parts in (np.swapaxes(pool, 0, 1) for pool in pools)]  # fmt: skip
+    weights = [np.full(len(slopes), 1 / len(slopes)) for slopes in each]
+    base, aims = _target_information(information), np.zeros((information.unknowns, 3))
+    aims[:3] = term.to_error.T
+    for _ in range(WEIGHED):
+        told = (n * np.einsum("c,crd,cre->de", w, s, s) for n, w, s in zip(numbers, weights, each, strict=True))
+        z = np.linalg.solve(base + sum(told), aims)
+        known = [((slopes @ z) ** 2).sum(axis=(1, 2)) for slopes in each]
+        weights = [np.maximum(w * own / (w @ own), 1e-99) for w, own in zip(weights, known, strict=True)]
+    return weights
 
 
 def _mix(weights: Array, layouts: Array) -> Array:
@@ -587,7 +668,7 @@ class Net:
 
 def find_net(information: Information) -> Net:
     """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
-    cells = tuple(cells_of(information, beads) for beads in information.beads)
+    cells = cells_in(information)
     mixed = _target_information(information) + sum(each.evenly for each in cells)
     if np.linalg.cond(mixed[3:, 3:]) > WORST_CONDITION:
         raise NoBound("fiducials where they may be leave what the views' estimates seek open")

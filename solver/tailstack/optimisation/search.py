@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from math import exp, inf, isnan, log
 from queue import SimpleQueue
 
@@ -30,6 +31,7 @@ from .exact_law import (
     no_correction,
 )
 from .explain import explain_infeasible, refuse_geometry, relax_rules
+from .global_bound import weigh_candidates
 from .matching import take_nearest
 from .present import bring_inside
 from .problem import (
@@ -154,16 +156,19 @@ def search(
     Raises InfeasibleError, and NotConvergedError when it was stopped before anything converged.
     """
     control = Control(threads, progress, stop)
-    prepared = prepare_search(problem, starts=starts, seed=seed, control=control)
-    return _solve_prepared(replace(prepared, enough=enough), control)
+    prepared = prepare_search(problem, starts=starts, seed=seed, control=control, enough=enough)
+    return _solve_prepared(prepared, control)
 
 
 def prepare_search(
-    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, control: Control = ALONE
+    problem: PlacementProblem, *, starts: int = 8, seed: int = 0, control: Control = ALONE, enough: float = -inf
 ) -> PreparedSearch:
-    """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
+    """The programme of a problem and where it is to be solved from; where a bound tells what is ``enough``, every
+    second layout is drawn from its weights.  Raises InfeasibleError."""
     terms = every_terms(problem)
-    layouts = starting_layouts(problem, farthest(problem, terms), starts, seed, control.reporter("layout"))
+    far = farthest(problem, terms)
+    weigh = partial(weigh_candidates, problem, far[0]) if enough > -inf else None
+    layouts = starting_layouts(problem, far, starts, seed, control.reporter("layout"), weigh)
     if problem.stay is not None:
         layouts = [_within_reach(problem, problem.stay, take_nearest(problem, layout)) for layout in layouts]
     active = terms
@@ -177,7 +182,7 @@ def prepare_search(
     lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
     program = build_program(problem, active, lanes)
     control.report("programme", 1, 1, None)
-    prepared = _prepare(program, terms, layouts, control)
+    prepared = replace(_prepare(program, terms, layouts, control), enough=enough)
     if is_singular(problem.system, layouts[0]):
         return prepared
     return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))

@@ -127,8 +127,10 @@ def starting_layouts(
     starts: int,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
+    weigh: Callable[[list[Array]], list[Array]] | None = None,
 ) -> list[Array]:
-    """``starts`` layouts (N, 3) mm: the present one, clipped to its regions, then exchanged random ones.
+    """``starts`` layouts (N, 3) mm: the present one, clipped to its regions, then exchanged random ones; with weights
+    (C,) of the candidates (C, G, 3) of each region, every second begins with those that weigh most.
 
     Start k depends on (seed, k) alone, so that more starts only add.  ``progress(done, total)`` is called after each.
     """
@@ -151,7 +153,11 @@ def starting_layouts(
         first = last - np.array([len(pools[r]) for r in which])
         points, own = problem.estimation.assume(problem.system.fiducials_mm), [pools[r] for r in which]
         model = model._replace(imaging=model.imaging._replace(points=points))
-        orders = [rng.permutation(len(pool)) for pool in own]
+        if weigh is None or k % 2 == 0:
+            orders = [rng.permutation(len(pool)) for pool in own]
+        else:  # drawn without putting back
+            weights = weigh(pools)
+            orders = [np.argsort(rng.exponential(size=len(pools[r])) / weights[r]) for r in which]
         put_apart(groups, own, orders, points, model.imaging.projections, spacing, anyway=True)
         exchange(groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()

@@ -29,6 +29,9 @@ class GlobalBound:
     """What the bound does not count, and which can only add to it."""
     statement: str
     """What the bound holds for, or why there is none, in a sentence."""
+    images_gap_percent: float | None = None
+    """How far the root mean square of what comes through the images, in the directions that the quantile feels, is at
+    most above the least of any layout, %; null without a bound, and in an answer of an older version."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -82,8 +82,7 @@ class RecordedSearcher:
         points = self.ends.get(position)
         if points is None:
             points = [solve_start(prepared, number) for number in range(len(prepared.starts))]
-        enough = enough_for(self.task.problems[position], self.task.gap)
-        return conclude_search(replace(prepared, enough=enough), (point for point in points), ONE_THREAD)
+        return conclude_search(prepared, (point for point in points), ONE_THREAD)
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
         prepared = _prepare(*self.key, position)
@@ -178,8 +177,10 @@ def _prepare(
 ) -> PreparedSearch | TailstackError:
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
     task = _task(design, seed, starts, gap)
+    problem = task.problems[position]
+    enough = enough_for(problem, gap)
     try:
-        return prepare_search(task.problems[position], starts=task.starts, seed=task.seed, control=ONE_THREAD)
+        return prepare_search(problem, starts=task.starts, seed=task.seed, control=ONE_THREAD, enough=enough)
     except (InfeasibleError, NotConvergedError) as refused:
         return refused.with_traceback(None)  # its frames hold the programme
 
