@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from optimise_scenes import BOX_MM, oracle_problem, pivot_in
 from plain_data import DEMO
 from tailstack import load_design, optimise
+from tailstack.design.drawn import DrawnValues
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem, cost_bound
 from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for
@@ -156,6 +157,14 @@ def test_withheld_with_the_reason() -> None:
     assert told is not None
     assert told.lower_bound is None
     assert "No bound: pivots are free" in told.statement
+    fits = (np.array([0.01, 0.02]), np.array([0.03, 0.01]))
+    drawn = DrawnValues(("a", "b"), np.ones(2), (0.03, 0.04), fits, "H7/g6", {})
+    assert not drawn.widens
+    assert replace(drawn, half_widths=(fits[0], 2 * fits[0])).widens
+    changing = replace(problem, half_widths=(replace(problem.half_widths[0], drawn=drawn), *problem.half_widths[1:]))
+    told = bound_any_layout(changing, every_terms(problem), present_choice(problem).half_width, 5.0, 0.0)
+    assert told is not None
+    assert "No bound: a value of a drawing" in told.statement
     scaled = replace(problem, objective="scaling")
     assert bound_any_layout(scaled, every_terms(scaled), present_choice(scaled).half_width, 5.0, 0.0) is None
 

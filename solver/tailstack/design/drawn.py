@@ -136,6 +136,12 @@ class DrawnValues:
         return float(np.sqrt(self.per_square @ half_widths**2))
 
     @property
+    def widens(self) -> bool:
+        """Whether no scalar becomes narrower from a size to the next: then errors only grow."""
+        order = sorted(range(len(self.sizes)), key=self.sizes.__getitem__)
+        return bool((np.diff([self.half_widths[k] for k in order], axis=0) >= 0).all())
+
+    @property
     def ratios(self) -> Array:
         """(n,) half-widths for a size of 1, between values."""
         middle = sorted(range(len(self.sizes)), key=self.sizes.__getitem__)[len(self.sizes) // 2]

@@ -112,6 +112,8 @@ def bound_any_layout(
     try:
         if not bounded:
             raise NoBound(why_none(problem, terms[0]) or "the mean of an error is limited, and no quantile of it")
+        if not all(free.drawn is None or free.drawn.widens for free in problem.half_widths):
+            raise NoBound("a value of a drawing is wider in one scalar than the next, and narrower in another")
         allowed = [_allow(problem, term, half_width) for term in bounded]
         least = bound_allocation(problem, allowed, half_width)
     except NoBound as reason:
