@@ -15,6 +15,7 @@ from browsing import DEMO, used
 from served import Served
 
 from tailstack import IllPosedError, load_design, score
+from tailstack_service.operations.validation import validate
 
 STEP_MM = 0.05  # of central differences: they are off by some 1e-6 of themselves
 
@@ -115,3 +116,23 @@ def test_what_is_red_is_refused_or_lies_over_another_bead(service: Served) -> No
         else:
             said = "over " if "projected-overlap" in [each.rule for each in scored.verdict.findings] else "nothing"
         assert said in why
+
+
+@pytest.mark.long
+def test_how_near_the_layout_is_to_the_best_follows_a_drag_without_being_asked_again(service: Served) -> None:
+    """independent: the score of the design over its bound, from the command's record."""
+    found = drawn(service, "best", label="F1")
+    (bound,) = validate(load_design(yaml.safe_load(DEMO)), bound=True).bounds
+    assert bound.lower_bound_mm is not None
+    least, own = bound.lower_bound_mm, Moved(DEMO).scored(list(Moved(DEMO).points.values())).verdict.checks[0].value
+    words, whole = found["rest"]
+    assert words.startswith(
+        f"Within {100 * (own / least - 1):.2g} % of the best possible layout: none has P95 below 1.09"
+    )
+    assert "so none keeps 1.000 mm" in words
+    assert whole == bound.statement
+    assert found["dragged"].startswith("Within ")
+    assert found["dragged"] != words
+    assert found["asked"] == found["hidden"] == 0
+    assert len(found["places"]) > 8
+    assert found["layer"]

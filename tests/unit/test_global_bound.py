@@ -368,7 +368,7 @@ def test_a_second_solver_knows_as_much_along_a_direction() -> None:
     problem = navigation(6, SMALL_MM, spacing_mm=30.0, estimator=Estimator.POSE)
     information, (cells,) = pieces(problem)
     direction = np.array([0.3, -0.5, 0.8])
-    base = global_bound._target_information(information)
+    base = global_bound.target_information(information)
     weights, known = cp.Variable(len(cells.slopes), nonneg=True), cp.Variable()
     # The target moves along the direction alone, everything else is free: t is most with G - t e e' still positive.
     along = np.zeros((information.unknowns, information.unknowns - 2))
@@ -392,7 +392,7 @@ def test_a_second_solver_finds_the_same_mean_square() -> None:
     information, (cells,) = pieces(problem)
     weight = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, -0.2], [0.0, -0.2, 0.5]])
     root = np.linalg.cholesky(weight)
-    base = global_bound._target_information(information)
+    base = global_bound.target_information(information)
     scale = np.diag(np.diag(base + cells.evenly) ** -0.5)
     weights = cp.Variable(len(cells.slopes), nonneg=True)
     told = sum(weights[i] * scale @ own.T @ own @ scale for i, own in enumerate(cells.slopes))

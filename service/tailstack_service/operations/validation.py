@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from tailstack.errors import TailstackError
-from tailstack.results import Finding, GlobalBound, Relaxation, ViewCheck
+from tailstack.results import Finding, GlobalBound, Relaxation, ViewCheck, WorthyPlace
 from tailstack.results.record import Published
 from tailstack.results.verdicts import assumed_sentence
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
 
+MOST_TOLD = 6  # places
 BOUND_SECONDS = 3.0  # for each design; the demo takes 1, one with six uniform half-widths 3
 
 
@@ -37,7 +38,7 @@ class ValidationOptions(Options):
     bound: bool = Field(
         default=False,
         description="Say what error no layout within the `optimise` section could undercut, proved of the estimate: "
-        "whether its limits can be kept at all.",
+        "whether its limits can be kept at all. And where in it fiducials tell most.",
     )
 
     def seconds(self, sizes: Iterable[Size]) -> float:
@@ -76,6 +77,8 @@ class Validation(Published):
     """For each requirement that its `optimise` section asks for, what no layout undercuts; empty unless asked for."""
     cheapest: Relaxation | None = None
     """What no layout undercuts in cost, with whatever half-widths; null unless asked for, and a cost is made least."""
+    places: tuple[WorthyPlace, ...] = ()
+    """Where in the envelope fiducials tell most, the most valuable first; empty unless bounds are asked for."""
 
 
 def validate(design: Design, *, bound: bool = False) -> Validation:
@@ -86,7 +89,7 @@ def validate(design: Design, *, bound: bool = False) -> Validation:
     from tailstack.design import check_design
 
     system, findings, visibility = check_design(design)
-    bounds, cheapest = _bound(design) if bound else ((), None)
+    bounds, cheapest, places = _bound(design) if bound else ((), None, ())
     return Validation(
         schema="tailstack/validation/1",
         valid=True,
@@ -102,13 +105,15 @@ def validate(design: Design, *, bound: bool = False) -> Validation:
         assumed=system.assumed,
         bounds=bounds,
         cheapest=cheapest,
+        places=places,
     )
 
 
-def _bound(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation | None]:
+def _bound(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation | None, tuple[WorthyPlace, ...]]:
     from tailstack.optimisation.cost_bound import bound_layouts
+    from tailstack.optimisation.worth import worthy_places
 
-    return bound_layouts(design)
+    return *bound_layouts(design), worthy_places(design)
 
 
 def validation_text(file: str, validation: Validation) -> str:
@@ -133,6 +138,9 @@ def validation_text(file: str, validation: Validation) -> str:
     ]
     if validation.cheapest is not None:
         lines.append(wrap(f"cost: {validation.cheapest.statement}", first="  bound: ", indent="    "))
+    if validation.places:
+        first = "; ".join(", ".join(f"{x:.0f}" for x in place.position_mm) for place in validation.places[:MOST_TOLD])
+        lines.append(wrap(f"fiducials tell most about x, y, z = {first} mm", first="  places: ", indent="    "))
     if validation.assumed:
         lines.append(wrap(f"{assumed_sentence(validation.assumed)}:", first="  assumed: ", indent="    "))
         lines += [f"    {visible(pointer)}" for pointer in validation.assumed]

@@ -35,7 +35,7 @@ from .beams import Beam, beams_of
 from .svg import LONGEST, in_lines, printable, round_step
 
 if TYPE_CHECKING:
-    from tailstack.results import Score, TargetScore
+    from tailstack.results import Score, TargetScore, WorthyPlace
     from tailstack.scoring import Errors, TargetErrors
     from tailstack.system import DirectEffect, System
 
@@ -104,6 +104,7 @@ LOOKS: dict[str, dict[str, Any]] = {  # of lines, faces, arrows and ellipsoids
     "guessed": {"stroke": "#4b5660", "width": 1.1, "fill": "#9fb3c4", "opacity": 0.15, "dash": [4, 3]},
     "region": {"stroke": "#d55e00", "width": 0.9, "dash": [3, 2]},
     "room": {"stroke": "#0072b2", "width": 0.8, "dash": [2, 3]},
+    "worthy": {"stroke": "#00795a", "width": 0.8, "fill": "#00795a", "opacity": 0.2},
     "keep-out": {"stroke": "#b3261e", "width": 1.1, "dash": [5, 2]},
     "frame": {"stroke": "#222222", "width": 1.3},
     "locator": {"stroke": "#222222", "width": 1.4},
@@ -390,6 +391,19 @@ def zones(design: Design) -> list[Item]:
     return items + [Item("line", "room", "room", points_of(line), "", "where fiducials may go") for line in lines]
 
 
+WORTHY_MM = 5.0  # radius of the ball at a place that all the best layouts take
+
+
+def worthy(places: Sequence[WorthyPlace]) -> list[Item]:
+    """A ball where fiducials tell most, its volume as many of them as the best mixture of layouts has there."""
+    items = []
+    for place in places:
+        at, radius_mm = np.array(place.position_mm), WORTHY_MM * place.fiducials ** (1 / 3)
+        title = f"the best mixture of layouts has {place.fiducials:.2g} fiducials about {place_in_words(at)}"
+        items.append(Item("ellipsoid", "worthy", "worthy", (point(at), *points_of(radius_mm * np.eye(3))), "", title))
+    return items
+
+
 AZIMUTH, ELEVATION = radians(-62), radians(20)  # of the eye of the first camera
 RIGHT = np.array([-sin(AZIMUTH), cos(AZIMUTH), 0.0])
 UP = np.array([-sin(ELEVATION) * cos(AZIMUTH), -sin(ELEVATION) * sin(AZIMUTH), cos(ELEVATION)])
@@ -550,10 +564,12 @@ def scene_of(
     title: str,
     before: tuple[Design, Score | None] | None = None,
     called: str = "before",
+    places: Sequence[WorthyPlace] = (),
 ) -> LayoutScene:
     """The scene of a design and what was computed of it, if it was.
 
     before: another one that it is drawn over, without errors where it has no score.  called: what that one is called.
+    places: where fiducials tell most.
     Positions are nominal; ellipsoids and biases are first order, at the magnification that the scene states.  Raises
     DesignError, IllPosedError for a design that does not compile.
     """
@@ -574,6 +590,7 @@ def scene_of(
         *mounts(design, system, old, 0.16 * radius),
         *frames(system, 0.3 * radius),
         *zones(design),
+        *worthy(places),
     ]
     drawn = [item for k, (at, its) in enumerate(scores) for item in errors(at, its, magnification, called if k else "")]
     drawn += trajectories(system, magnification)
@@ -641,6 +658,7 @@ def _layers(items: Sequence[Item], system: System, called: str) -> tuple[Layer, 
         Layer("beams", "Sources and detectors", False),
         Layer("keep-out", "Keep-out zones", True),
         Layer("room", "Where fiducials may go", False),
+        Layer("worthy", "Where fiducials tell most", True),
         Layer("before", f"Layout {called}", True),
         Layer("tcp-before", f"Error at the tool, {called}", True),
         Layer("bias-before", f"Bias at the tool, {called}", True),

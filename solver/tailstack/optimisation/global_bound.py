@@ -46,8 +46,7 @@ from ..system import Law, Place
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .exact_law import evaluate_demand, quantiles_of
 from .problem import Choice, PlacementProblem
-from .program import GRID_MM
-from .regions import BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
+from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
 from .terms import DemandTerms
 
@@ -557,7 +556,7 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
 
     In floats: a bad choice only makes the bound worse.
     """
-    base = _target_information(information)
+    base = target_information(information)
     uniform = base + sum(each.evenly for each in cells)
     count, size = len(directions), information.unknowns
     layouts = np.repeat(uniform[None, None], count, axis=0)
@@ -594,7 +593,7 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
     sizes, axes = np.linalg.eigh(weight)
     aims = np.zeros((information.unknowns, 3))
     aims[:3] = axes * np.sqrt(np.maximum(sizes, 0.0))
-    base = _target_information(information)
+    base = target_information(information)
     layouts: Array = (base + sum(each.evenly for each in cells))[None]
     weights: Array = np.ones(1)
     best: Array = aims.T
@@ -627,7 +626,7 @@ def weigh_candidates(problem: PlacementProblem, term: DemandTerms, pools: Sequen
     each = [np.concatenate([slopes_at(information, 0, np.eye(4), sees, part).unknowns for part in parts], axis=1)
             for parts in (np.swapaxes(pool, 0, 1) for pool in pools)]  # fmt: skip
     weights = [np.full(len(slopes), 1 / len(slopes)) for slopes in each]
-    base, aims = _target_information(information), np.zeros((information.unknowns, 3))
+    base, aims = target_information(information), np.zeros((information.unknowns, 3))
     aims[:3] = term.to_error.T
     for _ in range(WEIGHED):
         told = (n * np.einsum("c,crd,cre->de", w, s, s) for n, w, s in zip(numbers, weights, each, strict=True))
@@ -649,7 +648,7 @@ def _solve(information: Array, directions: Array) -> Array:
     return np.concatenate([directions, rest], axis=1)
 
 
-def _target_information(information: Information) -> Array:
+def target_information(information: Information) -> Array:
     """F0 (D, D): of the target's images, in floats."""
     everywhere = np.ones(len(information.projections), dtype=bool)
     own = slopes_at(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
@@ -669,7 +668,7 @@ class Net:
 def find_net(information: Information) -> Net:
     """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
     cells = cells_in(information)
-    mixed = _target_information(information) + sum(each.evenly for each in cells)
+    mixed = target_information(information) + sum(each.evenly for each in cells)
     if np.linalg.cond(mixed[3:, 3:]) > WORST_CONDITION:
         raise NoBound("fiducials where they may be leave what the views' estimates seek open")
     metric = np.linalg.inv(mixed[:3, :3] - mixed[:3, 3:] @ np.linalg.solve(mixed[3:, 3:], mixed[3:, :3]))

@@ -32,6 +32,7 @@ from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import log_smooth_cost, smooth_cost
 from .problem import ROUNDED, Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
 from .regions import (
+    GRID_MM,
     BoxRegion,
     bounding_box,
     clearest_piece,
@@ -78,7 +79,6 @@ LEARNT: dict[str, Any] = {
     "ipopt.limited_memory_max_history": 20,
     "ipopt.max_iter": 600,
 }
-GRID_MM = 1e-3  # that positions are written to: rounding moves none by as much
 SLACK = 50.0  # |log| of how far the quantile may be from the limit in the question without a limit
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 

@@ -20,6 +20,7 @@ from ..system import ArrayLike
 from .surface import NearSurface
 from .symbols import plain
 
+GRID_MM = 1e-3  # that positions are written to: rounding moves none by as much
 ROUNDING = 1e-9  # of a scaled piece: a point on the border of a keep-out zone is clear
 
 

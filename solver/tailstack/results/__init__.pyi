@@ -1,5 +1,6 @@
 from .global_bound import GlobalBound as GlobalBound
 from .global_bound import Relaxation as Relaxation
+from .global_bound import WorthyPlace as WorthyPlace
 from .optimisation import AimedView as AimedView
 from .optimisation import Certificate as Certificate
 from .optimisation import ChangedTolerance as ChangedTolerance

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .verdicts import Vector3
+
 
 @dataclass(frozen=True, slots=True)
 class GlobalBound:
@@ -48,3 +50,13 @@ class Relaxation:
     """How far the optimum is above the bound, %; null without a bound."""
     statement: str
     """What the bound holds for, in a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorthyPlace:
+    """A place in the envelope where information is worth having."""
+
+    position_mm: Vector3
+    """The middle of that cell of the envelope, in con."""
+    fiducials: float
+    """How many fiducials the best mixture of layouts has there: 1 is a place that the best layouts all take."""

@@ -52,6 +52,31 @@ scenarios.zoom = async () => {
   return found;
 };
 
+// How near the layout is to the best that any could be, and where beads tell most: both stand still in a drag
+scenarios.best = async () => {
+  const page = await begun(await newContext()), found = {}, words = page.getByTestId("best");
+  let asked_ = 0;
+  page.on("request", (request) => request.url().endsWith("/v1/validations") && (asked_ += 1));
+  await page.waitForFunction(() => document.querySelector("[data-testid=best]")?.textContent.trim());
+  found.rest = [await words.innerText(), await words.getAttribute("title")];
+  found.hidden = await page.locator(".worthy circle").count();
+  await page.getByRole("button", { name: "Where beads tell most" }).click();
+  found.places = await figure(page, FRONT).locator(".worthy circle").evaluateAll((all) => all.map((one) => ["cx", "cy", "r"].map((name) => Number(one.getAttribute(name)))));
+  found.layer = await page.getByLabel("Where fiducials tell most").isChecked();
+  const [x, y] = await centre(bead(page, asked.label));
+  const before = asked_;
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 25, y - 20, { steps: 4 });
+  await page.waitForFunction((was) => document.querySelector("[data-testid=best]").textContent !== was, found.rest[0]);
+  found.dragged = await words.innerText();
+  await page.mouse.up();
+  await current(page);
+  found.asked = asked_ - before;
+  if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+  return found;
+};
+
 // Arrows, what losing a bead costs, and contours round the one that is chosen, then round the one that is held
 scenarios.places = async () => {
   const page = await begun(await newContext()), found = {}, label = asked.label;

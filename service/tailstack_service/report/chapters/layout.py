@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tailstack.design import Design, load_design
 from tailstack.errors import TailstackError
+from tailstack.optimisation.worth import worthy_places
 from tailstack.results import Score
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
@@ -31,11 +32,13 @@ def layout_blocks(
     one document shows several layouts.
     """
     design, old = load_inside(now[0]), None if before is None else (load_inside(before[0]), before[1])
-    scene = scene_of(design, now[1], title, old, called)
+    places = () if design.document.optimise is None else worthy_places(design)
+    scene = scene_of(design, now[1], title, old, called, places)
     caption = f"{of}The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
         size = "to scale" if scene.magnification == 1 else f"{scene.magnification:g} times their size"
         caption += f"; ellipsoids that hold 95 % of a normal scatter, about target plus bias, {size}"
+    caption += "; green: where fiducials tell most" if places else ""
     caption += "." if old is None else f". In grey: {called}."
     images = draw_images(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
     seen = f"{of}What each view sees: as the structure sits with its known bias, no noise."

@@ -58,6 +58,8 @@
 
     // Another scene of the same layout: seen from where the last one was.
     update(scene) {
+      const had = this.scene.layers.map((layer) => layer.key);
+      for (const { key, shown } of scene.layers) if (shown && !had.includes(key)) this.shown.add(key);
       this.scene = scene;
       this.places.clear();
       this.describe();

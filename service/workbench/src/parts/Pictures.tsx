@@ -10,7 +10,7 @@ import { brief } from "../words";
 import { NUDGE } from "./grip";
 import { hinted } from "./Minute";
 import { saidOf } from "./Pin";
-import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf } from "./Places";
+import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf, Worthy } from "./Places";
 import { Remarks } from "./Problems";
 
 export { type Bead, beads } from "../beads";
@@ -275,6 +275,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
             width={plane.frame[2] - 2 * plane.margin} height={plane.frame[3] - 2 * plane.margin} />
         ) : null}
         {patch && <Contours patch={patch} scale={scale} />}
+        <Worthy plane={plane} scale={scale} />
         {first && second && <path class="closest" d={`M${first[0]} ${first[1]}L${second[0]} ${second[1]}`} />}
         {ghosts.value.map((old) => {
           const at = plane.to(old.position);

@@ -3,6 +3,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
+import { mayBound, worthy } from "../best";
 import { answer, current, layout, refused, type Score, send } from "../api";
 import { add, contour, length, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
 import { estimated } from "../readings";
@@ -10,12 +11,12 @@ import { design, gesture, type Json, recall, remember, withEdits } from "../stat
 import { brief, decimalsOf } from "../words";
 import { type Bead, beads, type Box, type Plane } from "./Pictures";
 
-const SWITCHES = { arrows: "Where to drop", losing: "Cost of losing", contours: "Contours" }, KEY = "tailstack.workbench.places";
-const hidden = signal<(keyof typeof SWITCHES)[]>(recall(KEY, []));
+const SWITCHES = { arrows: "Where to drop", losing: "Cost of losing", contours: "Contours", best: "Where beads tell most" }, KEY = "tailstack.workbench.places";
+const hidden = signal<(keyof typeof SWITCHES)[]>(recall(KEY, ["best"]));
 effect(() => void remember(KEY, hidden.value));
-const shows = (what: keyof typeof SWITCHES) => !hidden.value.includes(what);
+export const shows = (what: keyof typeof SWITCHES) => !hidden.value.includes(what);
 
-export const PlaceSwitches = () => (Object.keys(SWITCHES) as (keyof typeof SWITCHES)[]).map((what) => (
+export const PlaceSwitches = () => (Object.keys(SWITCHES) as (keyof typeof SWITCHES)[]).filter((what) => what !== "best" || mayBound.value).map((what) => (
   <button type="button" key={what} class="small" aria-pressed={shows(what)} onClick={() => (hidden.value = shows(what) ? [...hidden.value, what] : hidden.value.filter((each) => each !== what))}>{SWITCHES[what]}</button>
 ));
 
@@ -79,6 +80,16 @@ export function Arrows({ plane, scale }: { plane: Plane; scale: number }) {
     </g>
   );
 }
+
+/** A disc where the best layouts have beads, the larger the more of them do. */
+export const Worthy = ({ plane, scale }: { plane: Plane; scale: number }) => !shows("best") ? null : (
+  <g class="worthy" aria-hidden="true">
+    {worthy.value.map(({ position_mm: place, fiducials: many }) => {
+      const at = plane.to(place);
+      return at && <circle key={place.join()} cx={at[0]} cy={at[1]} r={(2 + 9 * Math.sqrt(many)) * scale}><title>{`the best mixture of layouts has ${brief(many)} beads here`}</title></circle>;
+    })}
+  </g>
+);
 
 /** What arrows and colours stand for; while they are found, its place. */
 export function PlaceLegend() {

@@ -1,13 +1,16 @@
 // The layout in space, by the module that turns it in reports; what is taken hold of there is moved.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useMemo, useRef } from "preact/hooks";
 import "../../../tailstack_service/report/templates/viewer.css";
 import "../../../tailstack_service/report/templates/viewer.js";
 import { drawn, layout } from "../api";
 import { wrong } from "../beads";
+import { worthy } from "../best";
 import { carrier, radius, sizeOf, snaps, UNITS } from "../carrier";
+import type { Vector } from "../geometry";
 import { design, picked, pointed, selected } from "../state";
 import { brief } from "../words";
+import { shows } from "./Places";
 import { Trajectories } from "./Trajectories";
 import { followed, hand, handles, said, type Scene, takeHold, type Viewer } from "./hands";
 
@@ -17,9 +20,22 @@ declare global {
   }
 }
 
+const WORTHY_MM = 5; // as reports have it
+
+/** With balls where fiducials tell most, as reports draw them. */
+function withWorthy(scene: Scene): Scene {
+  if (!shows("best") || !worthy.value.length) return scene;
+  const items = worthy.value.map(({ position_mm: at, fiducials: many }) => {
+    const radius = WORTHY_MM * Math.cbrt(many), axes = [0, 1, 2].map((k) => [0, 1, 2].map((m) => (m === k ? radius : 0)) as Vector);
+    return { kind: "ellipsoid", layer: "worthy", look: "worthy", points: [at as Vector, ...axes], label: "", title: `the best mixture of layouts has ${brief(many)} fiducials here` };
+  });
+  return { ...scene, items: [...scene.items, ...items], layers: [...scene.layers, { key: "worthy", label: "Where fiducials tell most", shown: true }] };
+}
+
 export function Space() {
   const figure = useRef<HTMLElement>(null), viewer = useRef<Viewer | null>(null), marked = pointed.value ?? selected.value;
-  const scene = layout.value?.scene ? followed(layout.value.scene as unknown as Scene, drawn.value, design.value) : null;
+  const own = layout.value?.scene ? followed(layout.value.scene as unknown as Scene, drawn.value, design.value) : null;
+  const scene = useMemo(() => own && withWorthy(own), [own, worthy.value, shows("best")]);
   useEffect(() => {
     if (!scene || !figure.current) return;
     if (viewer.current) return viewer.current.update(scene);

@@ -4,6 +4,7 @@ import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { optimise, takeAdvice, takeOptimum, verify } from "../acts";
 import { advised, START } from "../advice";
+import { best, mayBound } from "../best";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
 import { type AnyReading, BY, change, type Check, decimals, decisive, estimated, seen, shown, standing, verified } from "../readings";
@@ -74,6 +75,7 @@ export function Verdict() {
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
       <Acts />
       {reading && <Limit />}
+      {reading && mayBound.value && <p class={`note ${shade}`} data-kind="estimate" data-testid="best" title={best.value?.whole}>{best.value?.words ?? "\u00a0"}</p>}
       <History />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}

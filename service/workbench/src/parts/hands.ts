@@ -21,6 +21,7 @@ export interface Item {
 }
 export interface Scene {
   items: Item[];
+  layers: { key: string; label: string; shown: boolean }[];
   magnification: number; // of errors; 0 where there are none
 }
 export interface Viewer extends Seen {

@@ -1,0 +1,52 @@
+// How near the layout is to the best that any could be, and where fiducials tell most: of all but where free beads are,
+// so both stand still while beads are dragged, and only the design's own number moves against them.
+
+import { computed, effect, signal } from "@preact/signals";
+import type { components } from "../../../openapi/typescript/tailstack";
+import { current, refused, send } from "./api";
+import { answering, known } from "./readings";
+import { design, gesture, type Json } from "./state";
+import { mm, sign } from "./words";
+
+type Validation = components["schemas"]["Validation"];
+const QUIET = 800; // ms without a change, after which it is asked for
+
+/** The design without where its free beads are; empty where none is free. */
+const frame = computed(() => {
+  const asked = design.value?.optimise, points: Json[] = Array.isArray(design.value?.fiducials?.points) ? design.value.fiducials.points : [];
+  if (!asked || !(asked.box || asked.region || asked.regions)) return "";
+  const own = Array.isArray(asked.regions) ? asked.regions.flatMap((each: Json) => each?.fiducials ?? []) : null, fixed: Json[] = asked.fixed ?? [];
+  const isFree = (label: Json) => (own ? own.includes(label) : !fixed.includes(label));
+  const rest = points.map((point, k) => (isFree(point?.label ?? `F${k + 1}`) ? { ...point, position_mm: null } : point));
+  return JSON.stringify({ ...design.value, fiducials: { ...design.value.fiducials, points: rest } });
+});
+const answered = signal<{ frame: string; found: Validation | null } | null>(null);
+const found = computed(() => (frame.value && answered.value?.frame === frame.value ? answered.value.found : null));
+/** Whether there is, or will be, something to say. */
+export const mayBound = computed(() => frame.value !== "");
+export const worthy = computed(() => found.value?.places ?? []);
+
+effect(() => {
+  const asked = frame.value;
+  if (!asked || !current.value || refused.value || gesture.value.length || answered.peek()?.frame === asked) return;
+  const left = new AbortController(), sent = design.value, timer = window.setTimeout(async () => {
+    const response = await send("POST", "/v1/validations", { design: sent, bound: true }, {}, left.signal).catch(() => null);
+    if (response && !left.signal.aborted) answered.value = { frame: asked, found: response.ok ? await response.json() : null };
+  }, QUIET);
+  return () => {
+    window.clearTimeout(timer);
+    left.abort();
+  };
+});
+
+/** What is proven of the requirement that decides, in a sentence and in all its words; null where nothing is known. */
+export const best = computed(() => {
+  const check = answering(known.value), bound = found.value?.bounds.find(({ requirement }) => requirement === check?.requirement);
+  if (!check || !bound) return null;
+  const least = bound.lower_bound_mm;
+  if (least === null) return { words: bound.statement, whole: bound.statement };
+  const gap = 100 * (check.value / least - 1), unit = sign(check.unit), shown = (value: number) => `${mm(value, 3)}${unit}`;
+  const near = gap < 0 ? "The layout is better than any within what is asked for, and so not within it" : `Within ${gap < 0.1 ? "0.1" : gap.toPrecision(2)} % of the best possible layout`;
+  const none = least > check.limit ? `; so none keeps ${shown(check.limit)} at these half-widths` : "";
+  return { words: `${near}: none has ${check.headline} below ${shown(Math.floor(1000 * least) / 1000)}, proven of the estimate${none}.`, whole: bound.statement };
+});
