@@ -278,6 +278,7 @@ _LOOK_WORDS = {
     "tcp": "error at the tool", "tcp-before": "error at the tool, {before}", "bias": "bias",
     "bias-before": "bias, {before}", "localisation": "error as located", "keep-out": "keep-out zone",
     "region": "target region", "locator": "locator", "beam": "beam", "moved": "moved",
+    "worthy": "where fiducials tell most",
 }  # fmt: skip
 
 
