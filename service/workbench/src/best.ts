@@ -39,14 +39,11 @@ effect(() => {
   };
 });
 
-/** What is proven of the requirement that decides, in a sentence and in all its words; null where nothing is known. */
+/** What is proven of the requirement that decides, in short and in all its words; null where nothing is. */
 export const best = computed(() => {
-  const check = answering(known.value), bound = found.value?.bounds.find(({ requirement }) => requirement === check?.requirement);
-  if (!check || !bound) return null;
-  const least = bound.lower_bound_mm;
-  if (least === null) return { words: bound.statement, whole: bound.statement };
-  const gap = 100 * (check.value / least - 1), unit = sign(check.unit), shown = (value: number) => `${mm(value, 3)}${unit}`;
-  const near = gap < 0 ? "The layout is better than any within what is asked for, and so not within it" : `Within ${gap < 0.1 ? "0.1" : gap.toPrecision(2)} % of the best possible layout`;
-  const none = least > check.limit ? `; so none keeps ${shown(check.limit)} at these half-widths` : "";
-  return { words: `${near}: none has ${check.headline} below ${shown(Math.floor(1000 * least) / 1000)}, proven of the estimate${none}.`, whole: bound.statement };
+  const check = answering(known.value), bound = found.value?.bounds.find(({ requirement }) => requirement === check?.requirement), least = bound?.lower_bound_mm;
+  if (!check || !bound || least == null) return null;
+  const gap = 100 * (check.value / least - 1), none = `none below ${mm(Math.floor(1000 * least) / 1000, 3)}${sign(check.unit)}`;
+  const near = gap < 0 ? "Outside of what is asked for, and better than any layout within" : `Within ${gap < 0.1 ? "0.1" : gap.toPrecision(2)} % of the best possible layout`;
+  return { words: `${near}: ${none}.`, whole: bound.statement };
 });

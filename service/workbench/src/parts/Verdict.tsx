@@ -75,7 +75,6 @@ export function Verdict() {
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
       <Acts />
       {reading && <Limit />}
-      {reading && mayBound.value && <p class={`note ${shade}`} data-kind="estimate" data-testid="best" title={best.value?.whole}>{best.value?.words ?? "\u00a0"}</p>}
       <History />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
@@ -112,6 +111,7 @@ function Acts() {
           {runs_ ? `${run.title}: ${percent(run.fraction, 0)}${run.eta !== null ? `, about ${duration(run.eta)} left` : ""}` : `${run.title}: ${run.state === "succeeded" ? "done" : stateWords(run)}`}
         </button>
       )}
+      {mayBound.value && shown.value && <span class={`note ${late.value ? "old" : ""}`} data-kind="estimate" data-testid="best" title={best.value?.whole}>{best.value?.words ?? ""}</span>}
     </div>
   );
 }
