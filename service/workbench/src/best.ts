@@ -15,7 +15,7 @@ const QUIET = 800; // ms without a change, after which it is asked for
 const frame = computed(() => {
   const asked = design.value?.optimise, points: Json[] = Array.isArray(design.value?.fiducials?.points) ? design.value.fiducials.points : [];
   if (!asked || !(asked.box || asked.region || asked.regions)) return "";
-  const own = Array.isArray(asked.regions) ? asked.regions.flatMap((each: Json) => each?.fiducials ?? []) : null, fixed: Json[] = asked.fixed ?? [];
+  const own = Array.isArray(asked.regions) ? asked.regions.flatMap((each: Json) => each?.fiducials ?? []) : null, fixed: Json[] = Array.isArray(asked.fixed) ? asked.fixed : [];
   const isFree = (label: Json) => (own ? own.includes(label) : !fixed.includes(label));
   const rest = points.map((point, k) => (isFree(point?.label ?? `F${k + 1}`) ? { ...point, position_mm: null } : point));
   return JSON.stringify({ ...design.value, fiducials: { ...design.value.fiducials, points: rest } });
