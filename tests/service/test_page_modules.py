@@ -169,3 +169,19 @@ def test_a_word_that_it_is_so_takes_off_one_value_and_changes_nothing_else(tmp_p
     for at, each in zip(values, found, strict=True):
         assert each["listed"] == [other for other in values if other != at]
         assert {**each["after"], "assumed": None} == {**data, "assumed": None}
+
+
+WRITTEN = """
+const { writeEdits, writeYaml } = require("./document");
+const json = JSON.stringify(asked.data), name = [{ path: ["name"], value: asked.name }];
+answer([writeYaml({ ...asked.data, name: asked.name }), writeEdits(json, name).text]);
+"""
+UNSEEN = "".join(map(chr, (0x61C, 0x200E, 0x202A, 0x202E, 0x2066, 0x2069, 0xFEFF)))
+
+
+def test_a_sign_that_is_not_shown_is_written_so_that_it_can_be_read_again(tmp_path: Path) -> None:
+    data = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
+    data["description"] = f'it says "{UNSEEN}"'
+    asked = {"data": data, "name": f"{UNSEEN} carrier"}
+    for text in call_page(tmp_path, ("document",), WRITTEN, asked):
+        assert load_design(text).source.data == {**data, "name": asked["name"]}

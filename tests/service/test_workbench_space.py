@@ -20,19 +20,22 @@ from served import Served
 from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
+from tailstack.design import compile_design
 from tailstack_service.operations.layout import lay_out
 
 MICROMETRE = 1e-3  # mm
 
 
 def rounded_profile(outline: list[tuple[float, float]], height: float) -> np.ndarray:
-    """(M, 3, 3) triangles of the walls and the lids (fans) of a prism about z; the outline need not be convex."""
+    """(M, 3, 3) triangles of the walls and the lids (fans) of a prism about z, counterclockwise from outside; the
+    outline need not be convex."""
     faces: list[tuple[tuple[float, ...], ...]] = []
     for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
         a, b, c, d = (x0, y0, 0.0), (x1, y1, 0.0), (x1, y1, height), (x0, y0, height)
         faces += [(a, b, c), (a, c, d)]
     for z in (0.0, height):
-        faces += [((0, 0, z), (*outline[k - 1], z), (*outline[k], z)) for k in range(len(outline))]
+        fan = [((0, 0, z), (*outline[k - 1], z), (*outline[k], z)) for k in range(len(outline))]
+        faces += fan if z else [face[::-1] for face in fan]
     return np.array(faces, dtype=np.float32).astype(float)
 
 
@@ -151,13 +154,21 @@ def carrier() -> np.ndarray:
 @pytest.mark.long
 def test_beads_pivots_and_beams_are_moved_in_space(service: Served) -> None:
     stl = base64.b64encode(binary_stl(carrier())).decode()
-    found = used(service.url, "space", DEMO, script="space.mjs", stl=stl)
-    before, after = (yaml.safe_load(found[name]) for name in ("before", "after"))
+    design = yaml.safe_load(DEMO)
+    design["execution"]["hand_eye"]["tolerances"]["rx"] = {"half_width_deg": 0.1, "distribution": "uniform"}
+    design["transforms"] = {"T_tcp_flange": {"quaternion_wxyz": [0.8, 0.36, 0.48, 0.0], "translation_mm": [5, 6, -90]}}
+    found = used(service.url, "space", yaml.safe_dump(design, sort_keys=False), script="space.mjs", stl=stl)
+    before, after, eye = (yaml.safe_load(found[name]) for name in ("before", "after", "eye"))
     points = [np.array([each["position_mm"] for each in data["fiducials"]["points"]]) for data in (before, after)]
     (moved,) = np.flatnonzero((points[0] != points[1]).any(axis=1))
     assert before["fiducials"]["points"][moved]["label"] == found["bead"]
     assert np.linalg.norm(points[1][moved] - points[0][moved]) > 3
-    assert found["steps"] == [1, 2, 3, 4, 5]  # one for each gesture
+    turn = compile_design(load_design(found["after"])).T_tcp_con[:3, :3]
+    shift = turn @ (points[1][moved] - points[0][moved])  # as far as the bead, in the frame that it is stated in
+    pivots = [data["execution"]["hand_eye"].pop("pivot_mm") for data in (after, eye)]
+    assert np.subtract(pivots[1], pivots[0]) == pytest.approx(shift, abs=0.02)
+    assert after == eye
+    assert found["steps"] == [1, 2, 3, 4, 5, 6]  # one for each gesture
     along = yaml.safe_load(found["along"])["fiducials"]["points"][moved]["position_mm"]
     assert np.count_nonzero(np.array(along) - points[1][moved]) == 1  # an axis of con
     pivots = [
@@ -181,6 +192,26 @@ def test_beads_pivots_and_beams_are_moved_in_space(service: Served) -> None:
     assert away(carrier(), np.array(places)) == pytest.approx(1.5, abs=MICROMETRE)
     assert found["axe"] == []
     assert found["watched"]["messages"] == []
+
+
+@pytest.mark.long
+def test_beads_are_optimised_onto_the_surface_that_was_dropped_which_stays_out_of_the_design(service: Served) -> None:
+    part = {"surface": {"file": "cad/part.stl", "distance_mm": 4}}
+    named = yaml.safe_load(DEMO)
+    named["optimise"] = {**named["optimise"], "region": part, "starts": 1}
+    del named["optimise"]["box"]
+    design = DEMO.replace("starts: ", "starts: 1 # ", 1)
+    stl = base64.b64encode(binary_stl(carrier())).decode()
+    found = used(service.url, "surface", design, script="space.mjs", stl=stl, named=yaml.safe_dump(named))
+    assert "drop that file on this page" in found["refused"]
+    assert yaml.safe_load(found["named"])["optimise"]["region"] == part
+    assert found["title"] == "Optimisation with beads on part.stl"
+    before, taken = yaml.safe_load(design), yaml.safe_load(found["taken"])
+    assert taken["optimise"] == before["optimise"]
+    places, old = (np.array([each["position_mm"] for each in data["fiducials"]["points"]]) for data in (taken, before))
+    assert (places != old).any()
+    assert away(carrier(), places) == pytest.approx(1.5, abs=MICROMETRE)
+    assert found["axe"] == []
 
 
 def test_a_bead_is_taken_in_space_by_keys_on_a_phone(service: Served) -> None:

@@ -172,9 +172,17 @@ export function writeEdits(source: string, edits: readonly Edit[]): { text: stri
     writeEdit(document, edit.path, edit.value);
   }
   followAnchors(document, wanted, spelled);
-  const text = document.toString({ lineWidth: 120 });
+  const text = textOf(document);
   if (!equal(parse(text).data, wanted)) throw new Error("the text would say something else");
   return { text, spelled };
+}
+
+// Signs that are not shown as what they are: the service reads them as escapes in double quotes
+const UNSEEN = /[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ufffe\uffff]/g;
+
+function textOf(document: Document): string {
+  visit(document, { Scalar: (_, node) => { if (typeof node.value === "string" && node.value.search(UNSEEN) >= 0) node.type = "QUOTE_DOUBLE"; } });
+  return document.toString({ lineWidth: 120 }).replace(UNSEEN, (sign) => `\\u${sign.charCodeAt(0).toString(16).padStart(4, "0")}`);
 }
 
 /** The text with other numbers in their places, without the lines of items that go, and every other character as it was;
@@ -267,7 +275,7 @@ function writeEdit(document: Document, path: Path, value: Json): void {
 export function writeYaml(data: Json): string {
   const document = new YamlDocument(data, optionsOf(""));
   flow(document.contents);
-  return document.toString({ lineWidth: 120 });
+  return textOf(document as unknown as Document);
 }
 
 /** Short lists of numbers, and maps of scalars in a list, on one line, as people write them. */

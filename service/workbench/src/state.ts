@@ -25,7 +25,8 @@ export interface Version {
 }
 
 const TAB = "tailstack.workbench.tab", AUTOSAVE = "tailstack.workbench.design";
-const MOST_STEPS = 300, MOST_SAVED = 300_000; // characters of one tab: eight tabs and runs share 5 million
+const MOST_STEPS = 300, MOST_TEXT = 20_000_000; // characters of all of them: each has every version that was kept in it
+const MOST_SAVED = 300_000; // characters of one tab: eight tabs and runs share 5 million
 export const PRESSES = 1000; // ms between presses of a key that are one step
 
 /** What is said to the person at the page. */
@@ -86,15 +87,16 @@ export function commit(source: string, what: string, within = 0, opens = false):
     let kept = steps.value.slice(0, position.value + 1);
     const last = kept[kept.length - 1];
     if (within && kept.length > 1 && last.what === what && Date.now() < (last.until ?? 0)) kept = kept.slice(0, -1);
-    steps.value = withinReach([...kept, { text: source, what, ...(within && { until: Date.now() + within }), ...(opens && { opens }) }], MOST_STEPS);
+    kept = [...kept, { text: source, what, ...(within && { until: Date.now() + within }), ...(opens && { opens }) }];
+    steps.value = fitting([kept[0], ...kept.slice(1).slice(1 - MOST_STEPS)], MOST_TEXT);
     position.value = steps.value.length - 1;
     cancelGesture();
   });
   autosave();
 }
 
-/** The first step and the last ones. */
-const withinReach = (all: Step[], most: number) => (all.length > most ? [all[0], ...all.slice(1 - most)] : all);
+/** The first step and the last ones, as many as have room in so many characters, one at least. */
+const fitting = (all: Step[], room: number): Step[] => [all[0], ...all.slice(1).reverse().filter(({ text: one }, k) => (room -= one.length) > 0 || k === 0).reverse()];
 
 export function edit(edits: Edit[], what: string, within = 0): void {
   try {
@@ -221,11 +223,9 @@ interface Kept {
 function autosave(): void {
   const done = steps.value.slice(0, position.value + 1), now = done[position.value];
   if (!now) return;
-  let room = MOST_SAVED;
-  const last = done.filter((_, k) => k).reverse().filter(({ text: one }, k) => (room -= one.length) > 0 || k === 0).reverse();
   const keep = (some: Step[], storage?: () => Storage) => remember(OWN, { steps: some, position: some.length - 1, at: Date.now() } satisfies Kept, storage);
   for (const key of savedTabs().slice(8)) localStorage.removeItem(key);
-  savedSteps.value = keep([done[0], ...last]) || keep(done.length > 1 ? [done[0], now] : [now]);
+  savedSteps.value = keep(fitting(done, MOST_SAVED)) || keep(done.length > 1 ? [done[0], now] : [now]);
   if (!savedSteps.value) keep([now], session); // it outlives a reload, not the tab
   else if (recall(OWN, null, session)) sessionStorage.removeItem(OWN);
 }
@@ -267,6 +267,7 @@ const bare = (source: string) => (parse(source).data?.review === undefined ? sou
 const contents = new Map<string, string>(); // by text
 /** What a text says of a design, whatever is said about that. */
 export function contentOf(source: string): string {
+  if (contents.size > MOST_STEPS) contents.clear();
   const { review, ...rest } = parse(contents.has(source) ? "" : source).data ?? {};
   return contents.get(source) ?? contents.set(source, JSON.stringify(rest)).get(source)!;
 }
@@ -313,15 +314,16 @@ effect(() => {
 
 export const LONGEST_LINK = 8000; // characters; longer ones are cut by mail programs and chats
 
-async function through(bytes: Uint8Array, stream: CompressionStream | DecompressionStream): Promise<Uint8Array> {
+export async function through(bytes: Uint8Array, stream: CompressionStream | DecompressionStream): Promise<Uint8Array> {
   const piped = new Blob([bytes as BlobPart]).stream().pipeThrough(stream as unknown as ReadableWritablePair);
   return new Uint8Array(await new Response(piped).arrayBuffer());
 }
 
+export const base64 = (bytes: Uint8Array): string => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+
 export async function linkOf(source: string): Promise<string> {
   const packed = await through(new TextEncoder().encode(source), new CompressionStream("deflate-raw"));
-  const base64 = btoa(Array.from(packed, (byte) => String.fromCharCode(byte)).join(""));
-  return `${location.origin}${location.pathname}#design=${base64.replace(/\+/g, "-").replace(/\//g, "_").replace(/=+$/, "")}`;
+  return `${location.origin}${location.pathname}#design=${base64(packed).replace(/\+/g, "-").replace(/\//g, "_").replace(/=+$/, "")}`;
 }
 
 /** The design that a link holds, or null.  Throws where the link was cut. */

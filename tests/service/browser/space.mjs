@@ -36,6 +36,9 @@ scenarios.space = async () => {
   await drag(page, at, [14, -9]);
   found.after = await text(page);
   await count();
+  await drag(page, await find(page, "pivot of the hand-eye"), [14, -9]);
+  found.eye = await text(page);
+  await count();
   await drag(page, await find(page, found.bead), [-3, -25], "Shift");
   found.along = await text(page);
   await count();

@@ -22,13 +22,14 @@ export function NumberField({ path, label, unit, what, hidden = false }: { path:
     setWrong(null);
   }, [value]);
   const take = () => {
-    const text = field.current!.value, number = readNumber(text, unit);
-    if (text.trim() === "") field.current!.value = String(value ?? "");
+    if (!field.current) return; // it goes with the design that it is of, and loses the focus so
+    const text = field.current.value, number = readNumber(text, unit);
+    if (text.trim() === "") field.current.value = String(value ?? "");
     setWrong(text.trim() !== "" && number === null ? text : null);
     if (text.trim() === "" || number === null) return;
-    if (number === value) field.current!.value = String(value);
+    if (number === value) field.current.value = String(value);
     else {
-      field.current!.defaultValue = text;
+      field.current.defaultValue = text;
       edit([{ path, value: number }], what ?? `${label} ${number} ${unit}`.trim());
     }
   };

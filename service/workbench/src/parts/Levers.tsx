@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { answer, current, refused, type Score, send } from "../api";
 import { answering, estimated, known, standing } from "../readings";
-import { design, gesture, type Json } from "../state";
+import { design, gesture, type Json, opened } from "../state";
 import { mm, sign } from "../words";
 import { pulling } from "./Limit";
 
@@ -14,6 +14,9 @@ const found = signal<{ design: Json; levers: readonly Lever[] } | null>(null); /
 const held = signal<{ design: Json; levers: readonly Lever[] } | null>(null); // of the last score that tells them
 const searching = signal(false);
 
+effect(() => {
+  if (opened.value) held.value = null; // those of another design say nothing of this one
+});
 effect(() => {
   const score = answer.value?.score;
   if (score?.levers?.length) held.value = { design: answer.value!.design, levers: score.levers };

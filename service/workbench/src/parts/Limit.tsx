@@ -210,7 +210,7 @@ const editsOf = ({ of, at, base, limit }: Drag, { tolerances }: Allocation): Edi
 ];
 
 const holder = ({ held_by: by, held_label: label, held_share: share }: Allocation) => `${label || by.replace(/_/g, " ")} has ${(100 * share).toFixed(0)} % of what is left`;
-const wall = (found: Allocation) => `Out of reach at this layout: ${found.binding.join("; ") || found.requirement} is not kept with every free half-width at its least; ${holder(found)}.`;
+const wall = (found: Allocation) => `Out of reach at this layout: not below ${brief(Number(found.least.toPrecision(3)))}${sign(found.unit)} with every free half-width at its least; ${holder(found)}.`;
 
 /** What the last answer says. */
 function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {

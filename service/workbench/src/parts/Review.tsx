@@ -1,6 +1,7 @@
 // What a review leaves in the design: versions of it by name, two of them on one scale, and comments.
 
 import { signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { answer, current, placeInWords, type Score, send } from "../api";
 import { runs, start, unfinished } from "../jobs";
@@ -54,20 +55,20 @@ export function Versions() {
         <div class="scroll" tabIndex={0} role="region" aria-label="Versions">
           <table>
             <caption>The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers</caption>
-            <thead><tr><th>Version</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides</th><th>Use</th></tr></thead>
+            <thead><tr><th>Version</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides; use</th></tr></thead>
             <tbody>
-              <tr><th>now</th><Judged of={now} /><td /></tr>
+              <tr><th>now</th><Judged of={now} /></tr>
               {versions.value.map((version) => {
                 const estimate = scored.value[version.text], of = estimate === undefined ? undefined : { estimate, simulation: simulationOf(estimate?.sha) };
                 return (
                   <tr key={version.name}>
-                    <th title={[version.date, version.note].filter(Boolean).join(": ")}>{version.name}{version.note && <span class="note">{` ${version.note}`}</span>}</th><Judged of={of} now={now} />
-                    <td class="uses">
+                    <th title={[version.date, version.note].filter(Boolean).join(": ")}>{version.name}{version.note && <span class="note">{` ${version.note}`}</span>}</th>
+                    <Judged of={of} now={now}>
                       <label><input type="checkbox" aria-label={`Draw ${version.name} below`} checked={ghost.value === version.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? version.name : null)} />draw</label>
                       <button type="button" class="small" aria-pressed={compared === version.name} onClick={() => compare(compared === version.name ? null : version.name)}>compare</button>
                       <button type="button" class="small" onClick={() => takeVersion(version)}>take</button>
                       <button type="button" class="small" aria-label={`Remove version ${version.name}`} onClick={() => removeVersion(version.name)}>×</button>
-                    </td>
+                    </Judged>
                   </tr>
                 );
               })}
@@ -149,7 +150,7 @@ function Budgets({ names, readings }: { names: string[]; readings: Reading<"esti
   );
 }
 
-function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
+function Judged({ of, now, children }: { of: Known | undefined; now?: Known; children?: ComponentChildren }) {
   const shown = of?.simulation ?? of?.estimate, decides = shown?.decides, by = of && now && changes(of, now);
   const cell = (reading: Reading<"estimate"> | Reading<"simulation"> | null | undefined, change: Change | null | undefined) => (
     <td class="number" data-kind={reading?.kind}>{reading ? `${mm(reading.value, reading.digits)} ${reading.unit}` : of ? "–" : "…"}{change && <span class={change.to < change.from ? "delta less" : "delta more"}>{` ${changed(change.to - change.from, change.decimals)}`}</span>}</td>
@@ -158,7 +159,7 @@ function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
     <>
       <td class={`status ${shown?.record.verdict.status ?? ""}`}>{shown ? VERDICTS[shown.record.verdict.status] ?? shown.record.verdict.status : of ? VERDICTS["not-evaluated"] : ""}{shown && ` ${BY[shown.kind]}`}</td>
       {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? `${stated(decides.limit, shown.digits)} ${decides.unit}` : "–"}</td>
-      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}</td>
+      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}{children && <span class="uses"><br />{children}</span>}</td>
     </>
   );
 }

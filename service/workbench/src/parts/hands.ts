@@ -6,7 +6,7 @@ import { adding, beads, called, movingTo, pick, stopped, toggle, wrong } from ".
 import { seenAt, snaps, stepped, surface, touching } from "../carrier";
 import { turned } from "../arrange";
 import { SEATS } from "../document";
-import { add, cross, dot, length, type Pixel, rounded, type Vector } from "../geometry";
+import { add, cross, dot, length, type Pixel, rounded, unit, type Vector } from "../geometry";
 import { type Mesh, picture, type Seen } from "../mesh";
 import { cancelGesture, design, type Edit, edit, finishGesture, gesture, type Json, picked, type Path, pointed, PRESSES, preview, say, selected, settled } from "../state";
 import { NUDGE } from "./grip";
@@ -57,6 +57,7 @@ interface Beam {
 
 const AIMED = /^(orientation|beam_direction)$/, ALONG: Record<string, Vector> = { AP: [0, 1, 0], LAT: [-1, 0, 0] };
 const isPoint = (value: Json): value is Vector => Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number" && Number.isFinite(v));
+const HAND_EYE = "execution/hand_eye/pivot_mm"; // stated in the frame tcp
 const REACH = 12, STILL = 3, FINE = 0.1, STEEPEST = 0.98; // pixels; a beam's cosine to what is up in its image
 
 /** Handles of the design, beads first. */
@@ -74,6 +75,11 @@ export function handles(viewer: Viewer): Handle[] {
     if (drawn) point(`pivot ${k + 1}`, ["interfaces", seat, "pivot_mm"], part?.pivot_mm);
     if (Array.isArray(part?.locators)) part.locators.forEach((locator: Json, n: number) => point(`locator ${locator?.name ?? n + 1}`, ["interfaces", seat, "locators", n, "position_mm"], locator?.position_mm));
   });
+  const eye = data?.execution?.hand_eye, axes = axesOf(viewer.scene, "tcp"), turns = [eye?.tolerances, eye?.bias].some((part) => Object.keys(part ?? {}).some((name) => /^(r[xyz]|cov)/.test(name)));
+  if (axes && turns) { // of one that only shifts the pivot means nothing
+    const pivot: Vector = isPoint(eye.pivot_mm) ? eye.pivot_mm : [0, 0, 0], position = pivot.reduce((at, v, k) => add(at, axes.along[k], v), axes.origin);
+    found.push({ key: HAND_EYE, words: "pivot of the hand-eye", what: "Move the pivot of the hand-eye", position, to: (place) => [{ path: HAND_EYE.split("/"), value: rounded(pivot.map((v, k) => v + dot(axes.along[k], add(place, position, -1))) as Vector) }] });
+  }
   (Array.isArray(data?.views) ? data.views : []).forEach((view: Json, k: number) => {
     const direction = view?.beam_direction ?? ALONG[view?.orientation], up = view?.up_direction ?? [0, 0, 1], drawn = beamOf(viewer, String(view?.name));
     if (!drawn || !isPoint(direction) || !isPoint(up)) return;
@@ -81,6 +87,12 @@ export function handles(viewer: Viewer): Handle[] {
     found.push({ key: `view ${k}`, words: `beam of ${view.name}`, what: `Turn ${view.name}`, position: drawn.tail, to: () => null, turn });
   });
   return found;
+}
+
+/** Origin and unit vectors of a frame, in con, as they are drawn. */
+function axesOf({ items }: Scene, frame: string): { origin: Vector; along: Vector[] } | null {
+  const arrows = items.filter(({ layer, title }) => layer === "frames" && title.split(/[ ,=]+/).includes(frame)).map(({ points }) => points);
+  return arrows.length === 3 ? { origin: arrows[0][0], along: arrows.map(([from, to]) => unit(add(to, from, -1))) } : null;
 }
 
 /** Where a view's beam is held: at its source, or close up at the end of the arrow that stands for it. */
@@ -293,6 +305,11 @@ export function takeHold(viewer: Viewer, figure: HTMLElement): () => void {
         context.stroke();
         mark(context, start ? viewer.page(arc(start.turn!, start.position, held!.angle)) : at, 6, active ? "#0b5394" : "#6b7780");
       } else if (active && labelOf(own) === null) mark(context, at, 10, "#0b5394");
+      if (own === HAND_EYE) {
+        mark(context, at, 5, "#6b3fa0", [3, 2]);
+        context.fillStyle = "#6b3fa0";
+        context.fillText("hand-eye", at[0] + 9, at[1] + 4);
+      }
     }
     if (!band) return;
     context.fillStyle = "rgba(11, 83, 148, 0.12)";
