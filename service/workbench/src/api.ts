@@ -3,7 +3,7 @@
 import { computed, effect, signal, untracked } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { notFinite } from "./document";
-import { design, errors, gesture, type Json, opened, type Path, valueAt } from "./state";
+import { design, errors, gesture, type Json, opened, type Path, valueAt, withEdits } from "./state";
 
 export type Score = components["schemas"]["Score"];
 export type TargetScore = components["schemas"]["TargetScore"];
@@ -23,6 +23,15 @@ export const reachable = signal(true);
  * address that it gave it, and so whether or not the service's own links begin with that. */
 export const addressOf = (path: string): string => new URL(/\/v1\/(?!.*\/v1\/).*$/.exec(path)?.[0].slice(1) ?? path.replace(/^\//, ""), new URL(".", location.href)).href;
 
+/** The STL file that was dropped, as the service takes it: gzip in base64; empty where that is too long. */
+export const dropped = signal<{ file: string; content: string } | null>(null);
+
+/** What is sent has the surface that its design names by file: the service reads none. */
+function withSurface(body: Json): Json {
+  const path = ["design", "optimise", "region", "surface"], named = valueAt(body, path), held = dropped.value;
+  return held?.content && named && !named.content && named.file?.split("/").pop() === held.file ? withEdits(body, [{ path: [...path, "content"], value: held.content }]) : body;
+}
+
 /** Ask, and know a refusal from a service that is not there.  What JSON cannot say is refused here, as the service would. */
 export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}, signal?: AbortSignal): Promise<Response> {
   const given: Record<string, string> = { ...headers };
@@ -32,7 +41,7 @@ export async function send(method: string, path: string, body?: unknown, headers
   if (strange.length) return Response.json({ title: "The design document is not valid", errors: strange.slice(0, 25).map(({ pointer, value }) => ({
     pointer, code: "not-finite", detail: `must be a finite number; got ${Number.isNaN(value) ? ".nan" : value < 0 ? "-.inf" : ".inf"}`, hint: "write a number, or take the field out",
   })) }, { status: 422 });
-  const content = whole ? body : JSON.stringify(body);
+  const content = whole ? body : JSON.stringify(withSurface(body as Json));
   try {
     const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store", signal });
     reachable.value = true;
@@ -70,7 +79,7 @@ export function refusalOf(problem: Json, status: number): Refusal {
 }
 
 /** What to do on this page, where the service's words are for somebody who calls it from a script. */
-const CURES: Record<string, string> = { "file-refused": "drop that file on this page: its fiducials are then in the design" };
+const CURES: Record<string, string> = { "file-refused": "drop that file on this page" };
 
 /** A text that is no design, or cannot be read at all. */
 const unreadable = (marks: { message: string }[]): Refusal => ({
@@ -134,7 +143,8 @@ effect(() => {
 });
 effect(() => {
   wanted = gesture.value.length && slow ? null : design.value;
-  key.value; // with another key it is asked again
+  key.value; // with another key it is asked again, and with a file that it named
+  dropped.value;
   if (wanted) untracked(() => void follow());
 });
 

@@ -1,11 +1,13 @@
 // The surface that beads are dragged on: the mesh of a dropped file, in con, for as long as the page is open.
 
-import { computed, signal } from "@preact/signals";
+import { batch, computed, effect, signal } from "@preact/signals";
+import { onSurface } from "./acts";
+import { dropped } from "./api";
 import { movingTo, rules, stopped } from "./beads";
 import { add, length, type Vector } from "./geometry";
 import { breaches } from "./keeping";
 import { cast, type Mesh, meshOf, readStl, touch, type Tree, treeOf, walk } from "./mesh";
-import { design, type Edit, say, settled } from "./state";
+import { base64, design, type Edit, say, settled, through } from "./state";
 import { brief } from "./words";
 
 const LARGEST = 64; // MB of a file
@@ -30,16 +32,38 @@ export const surface = computed<Tree | null>(() => {
 
 export const sizeOf = ({ mesh, unit }: Carrier) => `${[0, 1, 2].map((k) => brief(UNITS[unit] * (mesh.high[k] - mesh.low[k]))).join(" × ")} mm`;
 
+const MOST_PACKED = 450_000; // bytes of a file in a request, as the service packs one
+
 /** Take the surface of an STL file. */
 export async function takeSurface(file: File): Promise<void> {
   if (file.size > 1e6 * LARGEST) return say(`${file.name} has ${Math.round(file.size / 1e6)} MB; surfaces of at most ${LARGEST} MB are read: export it coarser`, true);
   try {
-    const mesh = readStl(await file.arrayBuffer());
-    carrier.value = { name: file.name, mesh, unit: "mm" };
-    say(`The surface of ${file.name} is in the drawing in space: beads that are dragged there touch it. It states no unit and no frame: mm and con are assumed.`);
+    const bytes = await file.arrayBuffer(), mesh = readStl(bytes), packed = await through(new Uint8Array(bytes), new CompressionStream("gzip"));
+    batch(() => {
+      carrier.value = { name: file.name, mesh, unit: "mm" };
+      dropped.value = { file: file.name, content: packed.length > MOST_PACKED ? "" : base64(packed) };
+    });
+    say(`The surface of ${file.name} is in the drawing in space: beads that are dragged there touch it, and Optimise puts them on it where you say so above the pictures. It states no unit and no frame: mm and con are assumed.`);
   } catch (error) {
     say(`${file.name}: ${(error as Error).message}`, true);
   }
+}
+
+export function removeSurface(): void {
+  carrier.value = dropped.value = null;
+}
+
+effect(() => {
+  carrier.value; // another surface, or unit, or none
+  radius.value;
+  onSurface.value = null;
+});
+const THINNEST = 0.5; // mm, that a layer on both sides is
+/** From now on an optimisation puts beads where they touch the surface on one of its sides, or on both; "": as the design says. */
+export function optimiseOnIt(side: string): void {
+  const { name, unit } = carrier.value!, away = radius.value;
+  if (side && !dropped.value!.content) return say(`${name} is too large to be sent to the service: export it coarser`, true);
+  onSurface.value = side && { file: name, unit, distance_mm: side === "both" ? Math.max(away, THINNEST) : away, at_least_mm: away, side };
 }
 
 const ROUNDS = 60, DIGITS = 5, NEAR = 1e-4; // mm

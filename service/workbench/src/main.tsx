@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { answer, busy, current, key, keyWanted, refused } from "./api";
+import { answer, busy, current, dropped, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
 import { chosenBeads } from "./beads";
 import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
@@ -123,6 +123,7 @@ function Workbench() {
           <Minute />
           <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}<span class="between" /><PlaceSwitches /><ArrangeSwitch /></p>
           {arranging.value && <Arrange />}
+          {dropped.value && <Surface />}
           <div class={shown.value === "All" ? "panes all" : "panes"}>
             {pane("X-ray images", Images, "What the X-rays see")}
             {pane("In space", Space)}
@@ -135,8 +136,6 @@ function Workbench() {
         </div>
         <Splitter />
         <div class="change">
-          <Part title="What each lever can reach" open paper><section aria-label="Levers"><Levers /></section></Part>
-          <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Versions"><Versions /></Part>
@@ -145,6 +144,8 @@ function Workbench() {
           <Part title="All fields"><Form /></Part>
           <Part title="As text" summoned={shownPointer.value !== null}><Editor /></Part>
           <Part title="Other designs"><Gallery /></Part>
+          <Part title="What each lever can reach" open paper><section aria-label="Levers"><Levers /></section></Part>
+          <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           <Foot />
         </div>
       </main>
@@ -191,6 +192,7 @@ function Foot() {
 const manual = signal<preact.ComponentType<{ onClose: () => void }> | null>(null);
 const Editor = fetched("The editor", () => import("./parts/Editor").then((module) => module.Editor));
 const Space = fetched("The drawing in space", () => import("./parts/Space").then((module) => module.Space));
+const Surface = fetched("The surface", () => import("./parts/Space").then((module) => module.Surface));
 const Many = fetched("What scores many designs", () => import("./parts/Many").then((module) => module.Many));
 const Versions = fetched("Versions", () => import("./parts/Review").then((module) => module.Versions));
 const Comments = fetched("Comments", () => import("./parts/Review").then((module) => module.Comments));

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { optimise, takeOptimum, verify } from "../acts";
+import { onSurface, optimise, takeOptimum, verify } from "../acts";
 import { key } from "../api";
 import { START } from "../advice";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, startProblem, stateWords, unfinished } from "../jobs";
@@ -28,7 +28,8 @@ export function Runs() {
       <div class="controls" role="group" aria-label="Run">
         <button type="button" disabled={!ready} onClick={verify}>Verify by Monte Carlo, with report</button>
         <button type="button" disabled={!ready || unstated} title={unstated ? "the design states no requirement: add one under all fields" : ""} onClick={optimise}>Optimise</button>
-        {!design.value?.optimise && !unstated && <span class="note">{START}; under all fields, optimise says otherwise</span>}
+        {onSurface.value && <span class="note">{`it puts beads on ${onSurface.value.file}`}</span>}
+        {!design.value?.optimise && !unstated && !onSurface.value && <span class="note">{START}; under all fields, optimise says otherwise</span>}
       </div>
       <details onToggle={(event) => (sweeping.value = event.currentTarget.open)}>
         <summary>Sweep one number</summary>

@@ -3,10 +3,11 @@
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import "../../../tailstack_service/report/templates/viewer.css";
 import "../../../tailstack_service/report/templates/viewer.js";
+import { onSurface } from "../acts";
 import { drawn, layout } from "../api";
 import { wrong } from "../beads";
 import { worthy } from "../best";
-import { carrier, radius, sizeOf, snaps, UNITS } from "../carrier";
+import { carrier, removeSurface, optimiseOnIt, radius, sizeOf, snaps, UNITS } from "../carrier";
 import type { Vector } from "../geometry";
 import { design, picked, pointed, selected } from "../state";
 import { brief } from "../words";
@@ -59,19 +60,22 @@ export function Space() {
         </p>
       )}
       {layout.value?.scene && <Trajectories scene={layout.value.scene as unknown as Scene} old={drawn.value !== design.value} />}
-      {carrier.value && <Surface />}
     </>
   );
 }
 
-function Surface() {
+/** What is known of the surface that was dropped, and what beads do there. */
+export function Surface() {
   const own = carrier.value!;
   return (
     <p class="controls surface" role="group" aria-label="Surface">
       <span>{`${own.name}: ${(own.mesh.corners.length / 9).toLocaleString("en")} triangles, ${sizeOf(own)}`}</span>
       <label>in <select value={own.unit} onChange={(event) => (carrier.value = { ...own, unit: event.currentTarget.value })}>{Object.keys(UNITS).map((unit) => <option key={unit}>{unit}</option>)}</select></label>
       <button type="button" class="small" aria-pressed={snaps.value} title={`Beads of ${brief(2 * radius.value)} mm that are dragged in space touch it from outside`} onClick={() => (snaps.value = !snaps.value)}>{`Beads touch it, ${brief(2 * radius.value)} mm`}</button>
-      <button type="button" class="small" aria-label={`Take ${own.name} away`} onClick={() => (carrier.value = null)}>×</button>
+      <label>Optimise puts beads <select value={onSurface.value?.side ?? ""} onChange={(event) => optimiseOnIt(event.currentTarget.value)}>
+        <option value="">where the design says</option><option value="outside">on its outside</option><option value="inside">on its inside</option><option value="both">on either side</option>
+      </select></label>
+      <button type="button" class="small" aria-label={`Take ${own.name} away`} onClick={removeSurface}>×</button>
     </p>
   );
 }

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { optimise, takeAdvice, takeOptimum, verify } from "../acts";
+import { onSurface, optimise, takeAdvice, takeOptimum, verify } from "../acts";
 import { advised, START } from "../advice";
 import { best, mayBound } from "../best";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
@@ -101,7 +101,7 @@ function Acts() {
   return (
     <div class="acts" role="group" aria-label="What to do">
       {!verified.value && <button type="button" aria-label="Verify this design" disabled={!ready || runs_} title="simulate many shots, each with its own installation and noise, and make the report" onClick={verify}>Verify</button>}
-      <button type="button" aria-label="Optimise this design" disabled={!ready || runs_ || unstated} title={unstated ? "the design states no requirement: add one under all fields" : design.value?.optimise ? "as the design states under optimise" : START} onClick={optimise}>Optimise</button>
+      <button type="button" aria-label="Optimise this design" disabled={!ready || runs_ || unstated} title={unstated ? "the design states no requirement: add one under all fields" : onSurface.value ? `with beads on ${onSurface.value.file}` : design.value?.optimise ? "as the design states under optimise" : START} onClick={optimise}>Optimise</button>
       {reported
         ? <ReportLink path={reported.report!} form="html" words="Report" button />
         : <button type="button" aria-label="Report of this design" disabled={!ready || runs_} title="budget, requirements and slack as a document; with a simulation where the design is verified" onClick={() => (verified.value ? verify() : start("Report", "/v1/reports", { parts: ["score"] }))}>Report</button>}
