@@ -17,7 +17,7 @@ import pytest
 import yaml
 from browsing import DEMO, used
 from served import Served, served
-from service_scenes import ask
+from service_scenes import EXAMPLES, ask
 from test_prefix import NGINX
 
 from family import die_with_parent, ended
@@ -93,6 +93,18 @@ def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_a
     assert "no design keeps the limit" in acts
     assert "failed" not in acts
     assert steps == 0
+
+
+def test_what_a_drawing_states_of_a_seat_is_typed(service: Served) -> None:
+    text = (EXAMPLES / "dowelled_seat.yaml").read_text(encoding="utf-8")
+    typed = [("face", "flatness, mm", "0.05"), ("face", "height upper, mm", "0.03"), ("pin 1", "fit", "H8/f7")]
+    found = found_by(service, "features", text, typed=typed)
+    data = yaml.safe_load(text)
+    face, pin, *_ = data["interfaces"]["structure_connector"]["features"]
+    face["flatness_mm"], face["height_mm"][0], pin["fit"] = 0.05, 0.03, "H8/f7"
+    assert yaml.safe_load(found["text"]) == data
+    assert found["p95"] == score(load_design(data)).targets[0].p95_mm
+    assert (found["axe"], found["wide"]) == ([], 0)
 
 
 def test_every_lever_has_its_bar_and_every_slider_its_curve_whose_crossing_is_where_the_limit_is_kept(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import re
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -15,9 +16,11 @@ from browsing import DEMO, used
 from served import Served, served
 from service_scenes import EXAMPLES
 
+from dicom_files import write_image
 from tailstack import Design, load_design, score
 from tailstack.effects.image_field import FieldOfView
 from tailstack.errors import DesignError, TailstackError
+from tailstack_service.cli.main import main
 
 SCRIPT = "state.mjs"
 THEATRE = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
@@ -225,7 +228,7 @@ def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_rel
 
 
 @pytest.mark.long
-def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
+def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Path) -> None:
     points = "label,x_mm,y_mm,z_mm\n" + "".join(f"B{k},{20 * k - 50},{(-1) ** k * 25},{7 * k - 60}\n" for k in range(7))
     umlaut = DEMO.replace("drill guide", "Führung", 1)
     step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_bytes()
@@ -235,7 +238,9 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
     }  # fmt: skip
     sent = [{"name": name, "base64": base64.b64encode(content).decode()} for name, content in files.items()]
     carrier = {"name": "carrier.step", "base64": base64.b64encode(step).decode()}
-    found = seen(service, "files", files=[*sent, carrier])["found"]
+    shots = [write_image(), write_image(PositionerPrimaryAngle=87, DistanceSourceToDetector=1234)]
+    images = [base64.b64encode(content).decode() for content in shots]
+    found = seen(service, "files", files=[*sent, carrier], images=images)["found"]
     assert "7 fiducials of beads.csv are in a first design" in found["empty beads.csv"]["words"]
     for page in ("empty", "design"):
         assert "not UTF-8" in found[f"{page} latin.yaml"]["words"]
@@ -247,6 +252,16 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
     assert "8 fiducials" in words
     assert "tailstack init" not in words
     assert "limit" not in words
+    (tmp_path / "a.dcm").write_bytes(shots[0])
+    (tmp_path / "b.dcm").write_bytes(shots[1])
+    main(["convert", str(tmp_path / "a.dcm"), str(tmp_path / "b.dcm"), "-o", str(tmp_path / "made.yaml")])
+    texts = [found["2 images"]["text"], (tmp_path / "made.yaml").read_text(encoding="utf-8"), found["1 images"]["text"]]
+    begun, made, again = map(yaml.safe_load, texts)
+    assert begun == made
+    distances = [view["source_detector_mm"] for view in again["views"]]
+    assert distances == [1234, 1234]  # the first view is another now, and nothing else
+    assert {**again, "views": again["views"][1:]} == {**begun, "views": begun["views"][1:]}
+    assert "isocentre" in found["2 images"]["words"]
 
 
 @pytest.mark.long

@@ -9,7 +9,8 @@ import { chosenBeads } from "./beads";
 import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
-import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Asking, working } from "./parts/Files";
+import { assumes, Gallery, OpenFile, OwnPoints, takeFiles, takeText, TakeAway, Asking, working } from "./parts/Files";
+import { Features } from "./parts/Features";
 import { fetched } from "./parts/fetched";
 import { Form } from "./parts/Form";
 import { Levers } from "./parts/Levers";
@@ -137,7 +138,7 @@ function Workbench() {
         <Splitter />
         <div class="change">
           {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
-          <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
+          <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /><Features /></Part>
           <Part title="Versions"><Versions /></Part>
           <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={shownComment.value ?? unsettled.value > 0}><Comments /></Part>
           <Part title="Share and save"><TakeAway /></Part>
@@ -241,8 +242,7 @@ document.addEventListener("keydown", (event) => {
 document.addEventListener("dragover", (event) => event.preventDefault());
 document.addEventListener("drop", (event) => {
   event.preventDefault();
-  const file = event.dataTransfer?.files[0];
-  if (file) void takeFile(file);
+  void takeFiles([...(event.dataTransfer?.files ?? [])]);
 });
 window.addEventListener("hashchange", () => void fromLink());
 

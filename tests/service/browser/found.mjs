@@ -83,6 +83,20 @@ scenarios.levers = async () => {
   return found;
 };
 
+// What a drawing states of a seat is typed
+scenarios.features = async () => {
+  const page = await begun(await newContext());
+  await part(page, "Views, pivots, targets, limits");
+  for (const [feature, label, value] of asked.typed) {
+    const field = page.locator("fieldset", { hasText: `: ${feature}` }).getByLabel(label, { exact: true });
+    await field.fill(value);
+    await field.press("Enter");
+    await sha(page);
+  }
+  const { text, score } = await state(page);
+  return { text, p95: score.targets[0].p95_mm, axe: await axe(page), wide: await wide(page) };
+};
+
 // A design without a requirement gets one under all fields, a second, and loses it; another gets one by the strip
 scenarios.grow = async () => {
   const page = await begun(await newContext()), found = [], all = await part(page, "All fields");

@@ -234,6 +234,12 @@ scenarios.files = async () => {
       found[`${started ? "design" : "empty"} ${name}`] = { words: await words(page).catch(() => ""), text: (await state(page)).text };
     }
   }
+  const page = await open(await newContext(), asked.url, false), images = asked.images.map((letters, k) => ({ name: `shot${k}`, mimeType: "", buffer: Buffer.from(letters, "base64") }));
+  for (const some of [images, images.slice(1)]) {
+    await page.setInputFiles("header input[type=file]", some);
+    await page.locator(".message", { hasText: some.length > 1 ? "2 views are" : "a view is" }).waitFor();
+    found[`${some.length} images`] = { words: await words(page), text: (await state(page)).text };
+  }
   return { found };
 };
 

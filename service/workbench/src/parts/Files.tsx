@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { key, pathOf, readRefusal, send, unreachable } from "../api";
-import { canUndo, design, edit, type Json, linked, linkOf, LONGEST_LINK, open, parse, say, text, valueAt, whole } from "../state";
+import { base64, canUndo, design, differences, edit, type Json, linked, linkOf, LONGEST_LINK, open, parse, say, settled, text, valueAt, whole } from "../state";
 import { firstDesign } from "../first";
 import { rounded } from "../geometry";
 import { readNumber, VERDICTS } from "../words";
@@ -16,8 +16,43 @@ export const working = signal<string | null>(null); // what the page is busy wit
 const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv", tsv: "csv", txt: "csv", dat: "csv", xlsx: "csv", xlsm: "csv", ods: "csv", step: "step", stp: "step", p21: "step" }; // by ending
 const LARGEST: Record<string, number> = { step: 32 }; // MB of a file, otherwise 1, as the command reads; the service may read less
 
+const SIGN = [128, 132] as const; // where an image says DICM
+const HEADERS = 600_000, HEADER = 100_000; // bytes of all images, and of one, that are sent: pixels come last
+
+/** Take what was dropped or chosen: images together, for each is a view of one design, and others one by one. */
+export async function takeFiles(files: File[]): Promise<void> {
+  const are = await Promise.all(files.map(async (file) => /\.(dcm|dicom)$/i.test(file.name) || (await file.slice(...SIGN).text()) === "DICM"));
+  const images = files.filter((_, k) => are[k]);
+  if (images.length) await takeImages(images);
+  for (const file of files.filter((_, k) => !are[k])) await takeFile(file);
+}
+
+/** The first views of the design as the headers of images say, or a first design about them. */
+async function takeImages(files: File[]): Promise<void> {
+  const names = files.map(({ name }) => name).join(", "), base = design.value && settled.value;
+  const [content, ...more] = await Promise.all(files.map(async (file) => base64(new Uint8Array(await file.slice(0, Math.min(HEADER, HEADERS / files.length)).arrayBuffer()))));
+  const called = (words: string) => files.reduce((all, { name }, k) => all.replaceAll(k ? `more.${k}.dicom` : "content.dicom", name), words);
+  const made = await converted(names, called, send("POST", "/v1/conversions", { format: "dicom", content, ...(more.length && { more }), ...(base && { base }) }));
+  if (!made) return;
+  if (base) edit(differences(base, parse(made.content).data), `Views of ${names}`);
+  else begin(made.content, `Open ${names}`);
+  assumes.value ||= !base;
+  say(`${names}: ${files.length === 1 ? "a view is" : `${files.length} views are`} as the headers say. ${made.notes.slice(0, 5).map(called).join("; ")}`);
+}
+
+/** What the service makes of a file; null where it refuses: that is said, unless ``asks`` has asked what was left open. */
+async function converted(name: string, called: (words: string) => string, asked: Promise<Response>, asks?: (rule: string, detail: string) => Promise<boolean>): Promise<Json> {
+  asking.value = null;
+  working.value = `${name} is being read`;
+  const response = await asked.catch(() => null).finally(() => (working.value = null));
+  if (response?.ok) return response.json();
+  const [{ rule, detail, hint }] = (response ? await readRefusal(response) : unreachable()).errors, words = called(detail);
+  if (!(await asks?.(rule, words))) say(`${name}: ${[words, hint].filter(Boolean).join("; ")}`, true);
+  return null;
+}
+
 /** Take a file: a design is opened; points, and the balls of a STEP file, become the design's fiducials. */
-export async function takeFile(file: File): Promise<void> {
+async function takeFile(file: File): Promise<void> {
   if (/\.stl$/i.test(file.name)) return (await import("../carrier")).takeSurface(file);
   const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 1;
   if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
@@ -70,25 +105,20 @@ export const assumes = signal(false); // a first design was made about points: w
 
 async function takePoints(file: File, format: string, more = ""): Promise<void> {
   const { name } = file;
-  asking.value = null;
-  working.value = `${name} is being read`;
-  const response = await send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }).catch(() => null).finally(() => (working.value = null));
-  if (!response?.ok) {
-    const problem = response ? await readRefusal(response) : unreachable(), [{ rule, detail, hint }] = problem.errors;
-    const called = detail.replaceAll(`content.${format}`, name);
+  const made = await converted(name, (words) => words.replaceAll(`content.${format}`, name), send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }), async (rule, detail) => {
+    const headed = rule === "csv-header" ? withHeader(decode(await file.arrayBuffer()) ?? "") : null;
     if (rule === "several-diameters" && !more) {
       const diameters = [...detail.split("diameters:").pop()!.matchAll(/([\d.]+) mm/g)].map(([, value]) => Number(value)).filter((value) => value > 0);
       const take = (diameter: number) => void takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
-      return void (asking.value = { name, words: `${called}. Which of them are the fiducials?`, diameter: take, choices: [...new Set(diameters)].map((diameter) => ({ words: `Those of ${diameter} mm`, take: () => take(diameter) })) });
-    }
-    const headed = rule === "csv-header" ? withHeader(decode(await file.arrayBuffer()) ?? "") : null;
-    if (headed) {
+      asking.value = { name, words: `${detail}. Which of them are the fiducials?`, diameter: take, choices: [...new Set(diameters)].map((diameter) => ({ words: `Those of ${diameter} mm`, take: () => take(diameter) })) };
+    } else if (headed) {
       const take = (unit: string) => void takePoints(new File([headed.of(unit)], name), format);
-      return void (asking.value = { name, words: `${name} does not say what its columns are. Are they ${headed.labels ? "a label and then " : ""}x, y, z? Its first row: ${headed.first}`, choices: ["mm", "cm", "m", "in"].map((unit) => ({ words: `Yes, in ${unit}`, take: () => take(unit) })) });
+      asking.value = { name, words: `${name} does not say what its columns are. Are they ${headed.labels ? "a label and then " : ""}x, y, z? Its first row: ${headed.first}`, choices: ["mm", "cm", "m", "in"].map((unit) => ({ words: `Yes, in ${unit}`, take: () => take(unit) })) };
     }
-    return void say(`${name}: ${[called, hint].filter(Boolean).join("; ")}`, true);
-  }
-  const made = await response.json(), own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
+    return asking.value !== null;
+  });
+  if (!made) return;
+  const own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
   const points = made.fiducials.map((p: Json) => ({ ...(own.get(p.label) ?? {}), label: p.label, position_mm: rounded(p.position_mm, 4) }));
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
@@ -245,10 +275,10 @@ export function OpenFile({ words }: { words: string }) {
   return (
     <label class="button">
       {words}
-      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.stl,.xlsx,.ods" onChange={(event) => {
-        const file = event.currentTarget.files?.[0];
+      <input type="file" class="hidden" multiple accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.stl,.xlsx,.ods,.dcm,.dicom" onChange={(event) => {
+        const files = [...(event.currentTarget.files ?? [])];
         event.currentTarget.value = "";
-        if (file) void takeFile(file);
+        void takeFiles(files);
       }} />
     </label>
   );

@@ -184,7 +184,8 @@ export function limitOf({ "x-limited-by": fields }: Json, path: Path, chosen: Js
   return from === to ? [] : [{ path: [...own, from], value: undefined }, { path: [...own, to], value: 1 }];
 }
 
-function Leaf({ node, path, label, hidden = false }: { node: Json; path: Path; label: string; hidden?: boolean }) {
+/** One value in a field of its kind. */
+export function Leaf({ node, path, label, hidden = false }: { node: Json; path: Path; label: string; hidden?: boolean }) {
   const value = valueAt(design.value, path), chosen = choose(node, value), field = useRef<HTMLInputElement>(null);
   const choices: Json[] | undefined = chosen.enum ?? (chosen.const !== undefined ? [chosen.const] : undefined);
   useLayoutEffect(() => showValue(field.current, value), [value]);
@@ -201,9 +202,10 @@ function Leaf({ node, path, label, hidden = false }: { node: Json; path: Path; l
     );
   }
   const take = () => {
-    const text = field.current!.value;
+    if (!field.current) return; // it goes with the design that it is of, and loses the focus so
+    const text = field.current.value;
     const number = Number(text.trim().replace("−", "-"));
-    field.current!.defaultValue = text;
+    field.current.defaultValue = text;
     give(typeof value === "number" && text.trim() !== "" && Number.isFinite(number) ? number : text);
   };
   return (
