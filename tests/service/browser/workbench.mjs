@@ -278,6 +278,7 @@ scenarios.states = async () => {
   await page.locator(".run[data-kind=optimisation][data-state=succeeded] table").waitFor();
   await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
   await page.locator(".run[data-kind=report][data-state=succeeded] .histogram").waitFor();
+  await page.getByRole("button", { name: "Per unit, and if fiducials are not found" }).click();
   await page.locator(".run .histogram").first().evaluate((node) => node.scrollIntoView({ block: "center" }));
   await take("after");
   await page.emulateMedia({ media: "print" });
