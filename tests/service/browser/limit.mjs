@@ -1,5 +1,5 @@
 // The limit as a handle: how it is dragged.  See tests/service/test_workbench_limit.py.
-import { asked, axe, begun, centre, drawn, state, tell, unfold, unhurried, wide } from "./page.mjs";
+import { asked, axe, begun, centre, drawn, newContext, state, tell, timeless, unfold, unhurried, wide } from "./page.mjs";
 
 const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.locator(".rail [role=status]").innerText();
 const numberOf = async (page, of, what = "aria-valuenow") => Number(await handle(page, of).getAttribute(what));
@@ -52,7 +52,7 @@ scenarios.drag = async () => {
 };
 
 scenarios.keys = async () => {
-  const page = await begun(await unhurried()), found = {};
+  const page = await begun(await timeless(await unhurried())), found = {};
   await offered(page);
   found.before = await told(page);
   await handle(page, "limit").focus();
@@ -101,7 +101,7 @@ scenarios.touch = async () => {
 
 // The crossing of a curve under its slider: dragged, given up, let go while the service is away, moved by keys, pressed
 scenarios.curve = async () => {
-  const context = await newContext(asked.finger ? { hasTouch: true, isMobile: true } : {}), page = await begun(context), found = {}, dot = page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .crossing`);
+  const context = await timeless(await newContext(asked.finger ? { hasTouch: true, isMobile: true } : {})), page = await begun(context), found = {}, dot = page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .crossing`);
   await page.getByRole("button", { name: "Curves" }).click();
   const rested = async () => { await settled(page); await dot.waitFor(); await page.locator(".curve:not(.old)").first().waitFor(); };
   const read = async () => { await rested(); return { ...(await told(page)), limit: Number(await dot.getAttribute("aria-valuenow")), says: await dot.getAttribute("aria-valuetext") }; };

@@ -35,6 +35,11 @@ export async function unhurried(more = {}) {
   await context.addInitScript(() => { performance.now = () => 0; });
   return context;
 }
+/** One whose clock stands still: presses are those in a row that make one step, however busy the machine is. */
+export async function timeless(context) {
+  await context.addInitScript(() => { Date.now = () => 1e12; });
+  return context;
+}
 /** What was done to the page so far is drawn. */
 export const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 /** And what fades has faded. */
