@@ -32,6 +32,7 @@ CHECKS = (
     ("mypy", "--config-file", "tests/mypy.ini", "--cache-dir", ".mypy_cache/tests"),  # beside the other
     ("lint-imports",),
 )
+WARM_UP = ("python", "-m", "tailstack_service.cli.main", "warm-up")
 # Tests that run a kernel whose instructions differ between processors
 OF_PROCESSORS = ("unit/test_montecarlo_*.py", "unit/test_tail_*.py")
 MOST_SECONDS = 3.0  # of CPU, of a test without the mark
@@ -57,7 +58,7 @@ def main(arguments: list[str]) -> int:
     os.chdir(ROOT)
     first, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
     if first == "":
-        return run_checks(CHECKS) or run_tier("--short")
+        return run_checks_and_tests("--short")
     if first == "--all":
         return run_all(rest)
     if first == "--quick":
@@ -91,13 +92,14 @@ def start_check(check: tuple[str, ...]) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-def run_tier(*options: str) -> int:
-    """Kernels are compiled beforehand, and the tests where they never were: each of the processes would compile all."""
+def run_checks_and_tests(*options: str) -> int:
+    """Beside the checks kernels are compiled, and the tests where they never were: each of the processes would compile
+    all."""
     beside = None
     if not (ROOT / "tests" / "unit" / "__pycache__").exists():  # to collect them once writes what the others then load
         collect = [sys.executable, "-m", "pytest", "--collect-only", "-qqq"]
         beside = subprocess.Popen(collect, stdout=subprocess.DEVNULL)
-    code = subprocess.call([sys.executable, "-m", "tailstack_service.cli.main", "warm-up"])
+    code = run_checks((*CHECKS, WARM_UP))
     if beside is not None:
         beside.wait()
     return code or pytest(*SIDE_BY_SIDE, *options)
@@ -135,7 +137,7 @@ def run_all(arguments: list[str]) -> int:
     if "--for" in options:
         return run_for(seconds_of(options["--for"]), seed)
     more = (*seeded(seed), *given)
-    return run_checks(CHECKS) or run_tier(*more) or run_tier_of_processors(*more)
+    return run_checks_and_tests(*more) or run_tier_of_processors(*more)
 
 
 def seeded(seed: int) -> tuple[str, ...]:
