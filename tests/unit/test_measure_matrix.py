@@ -25,7 +25,7 @@ from plain_data import DEMO
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.measures import MEASURE, STATED, Measure
 from tailstack.optimisation.exact_law import image_parts
-from tailstack.optimisation.problem import present_choice
+from tailstack.optimisation.problem import PlacementProblem, present_choice
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
@@ -52,6 +52,7 @@ trajectory and a body has a requirement on it, and the consumer has to meet it.
 """
 MEASURES = (*STATED, *(MEASURE[name] for name in ("axial_above", "x_below", "localisation_y_above")))
 COORDINATE = "/fiducials/points/0/position_mm/0"
+STEP_MM = 1e-2
 
 
 def stated(measure: Measure) -> dict[str, str]:
@@ -119,6 +120,22 @@ class Subject:
             assert batch.ways[way] == 2
             columns |= batch.columns
         return columns
+
+    @cached_property
+    def function(self) -> DesignFunction:
+        return DesignFunction(self.design, [COORDINATE])
+
+    @cached_property
+    def ends(self) -> list[Score]:
+        """A step to either side of the present place."""
+        return [self.function.score([self.function.present[0] + k * STEP_MM], losses=False) for k in (-1, 1)]
+
+    @cached_property
+    def placement(self) -> tuple[PlacementProblem, Any, list[Any]]:
+        """The problem of the optimiser, its mechanics as they are, and the projections and beads as told then."""
+        problem = read_task(self.design).problems[0]
+        mechanics = pivot_shift_of(problem, present_choice(problem))
+        return problem, mechanics, [plain(part.at(mechanics)) for part in estimator_affine(problem)]
 
     @cached_property
     def gate(self) -> Any:
@@ -232,20 +249,16 @@ def meet_batch(own: Subject, measure: Measure) -> None:
 
 
 def meet_derivative(own: Subject, measure: Measure) -> None:
-    function, step = DesignFunction(own.design, [COORDINATE]), 1e-2
-    (at,) = function.present
-    ends = [check_of(function.score([at + k * step], losses=False).verdict.checks, measure).value for k in (-1, 1)]
-    value, (slope,) = function.p95_gradient([at], own.check(measure).target, measure.name)
+    ends = [check_of(end.verdict.checks, measure).value for end in own.ends]
+    value, (slope,) = own.function.p95_gradient(own.function.present, own.check(measure).target, measure.name)
     assert value == pytest.approx(own.check(measure).value, rel=1e-9)
-    assert slope == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-3, abs=1e-7)
+    assert slope == pytest.approx((ends[1] - ends[0]) / (2 * STEP_MM), rel=1e-3, abs=1e-7)
 
 
 def meet_optimiser(own: Subject, measure: Measure) -> None:
     """independent: the linear model; the optimiser has terms of its own."""
-    problem = read_task(own.design).problems[0]
+    problem, mechanics, (projections, told) = own.placement
     demand = next(each for each in problem.demands if each.requirement.name == measure.name)
-    mechanics = pivot_shift_of(problem, present_choice(problem))
-    projections, told = (plain(part.at(mechanics)) for part in estimator_affine(problem))
     term, laid = terms_of(problem, demand), lay(problem, plain(problem.system.fiducials_mm), mechanics)
     found = image_parts_at(problem.estimation, term, laid, projections, told, plain(term.reconstructed_mm)).numbers
     model, _ = linearise_demand(problem.system, demand)
