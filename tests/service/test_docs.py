@@ -28,39 +28,33 @@ PAGES = sorted(
     for page in ROOT.glob(f"{place}/*.md")
     if "gate" not in page.relative_to(ROOT).parts  # what the gate prints, and no page of ours
 )
-SETTINGS = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
+TEXTS = {page: (ROOT / page).read_text(encoding="utf-8") for page in PAGES}
+SETTINGS = TEXTS[Path("docs/settings.md")]
 
 
-@pytest.mark.parametrize("verb", verbs())
-def test_every_verb_is_described(verb: str) -> None:
-    assert verb in CLI
+def test_every_verb_path_and_law_is_described() -> None:
+    design = TEXTS[Path("docs/design.md")]
+    assert [verb for verb in verbs() if verb not in CLI] == []
+    assert [path for path in DOCUMENT["paths"] if f"{path}`" not in HTTP] == []
+    assert [law for law in LAWS if f"\n| `{law}` | " not in design] == []
 
 
-@pytest.mark.parametrize("path", DOCUMENT["paths"])
-def test_every_path_is_described(path: str) -> None:
-    assert f"`{path}`" in HTTP or f"{path}`" in HTTP
+def test_every_problem_is_listed_with_its_status() -> None:
+    for slug, entry in CATALOGUE.items():
+        row = next(line for line in HTTP.splitlines() if re.match(rf"\| \d.*`{slug}`", line))
+        assert str(entry.status) in row.split("|")[1], slug
 
 
-@pytest.mark.parametrize("slug", CATALOGUE)
-def test_every_problem_is_listed_with_its_status(slug: str) -> None:
-    row = next(line for line in HTTP.splitlines() if re.match(rf"\| \d.*`{slug}`", line))
-    assert str(CATALOGUE[slug].status) in row.split("|")[1]
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_every_law_is_described(law: str) -> None:
-    assert f"\n| `{law}` | " in (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_the_rows_of_a_table_have_the_cells_of_its_header(page: Path) -> None:
+def test_the_rows_of_a_table_have_the_cells_of_its_header() -> None:
     """A site drops what a row has too many, without a word."""
-    width, wrong = 0, []
-    for number, line in enumerate((ROOT / page).read_text(encoding="utf-8").splitlines(), 1):
-        cells = len(re.findall(r"(?<!\\)\|", re.sub(r"`[^`]*`", "", line))) - 1 if line.startswith("|") else 0
-        if cells and width and cells != width:
-            wrong.append(f"{page}:{number}: {cells} cells below a header of {width}")
-        width = width or cells if cells else 0
+    wrong = []
+    for page, text in TEXTS.items():
+        width = 0
+        for number, line in enumerate(text.splitlines(), 1):
+            cells = len(re.findall(r"(?<!\\)\|", re.sub(r"`[^`]*`", "", line))) - 1 if line.startswith("|") else 0
+            if cells and width and cells != width:
+                wrong.append(f"{page}:{number}: {cells} cells below a header of {width}")
+            width = width or cells if cells else 0
     assert wrong == []
 
 
@@ -87,25 +81,19 @@ def row_of(variable: str) -> list[str]:
     return [cell.strip() for cell in line.strip("| ").split(" | ")]
 
 
-@pytest.mark.parametrize("variable", schemas())
-def test_every_setting_is_listed_with_its_default(variable: str) -> None:
-    default = schemas()[variable]["default"]
-    cell = row_of(variable)[1]
-    if isinstance(default, str):
-        assert cell == (f"`{default}`" if default else "(empty)")
-    else:
-        assert cell == "the cores" if variable == "TAILSTACK_WORKER_PROCESSES" else float(cell) == default
-
-
-@pytest.mark.parametrize("variable", schemas())
-def test_every_setting_is_listed_with_its_meaning(variable: str) -> None:
-    schema, meaning = schemas()[variable], row_of(variable)[2]
-    words = [word.strip("`;,.:()") for word in schema["description"].split()]
-    assert all(word in meaning for word in words), meaning
-    if schema["type"] != "string":
-        low, high = (float(number) for number in re.findall(r"[\d.e+]+", meaning.rpartition("(")[2]))
-        assert (low, high) == (schema["minimum"], schema["maximum"])
-    assert all(f"`{choice}`" in meaning or choice in words for choice in schema.get("enum", ()))
+def test_every_setting_is_listed_with_its_default_and_its_meaning() -> None:
+    for variable, schema in schemas().items():
+        default, (_, cell, meaning) = schema["default"], row_of(variable)
+        if isinstance(default, str):
+            assert cell == (f"`{default}`" if default else "(empty)"), variable
+        else:
+            assert cell == "the cores" if variable == "TAILSTACK_WORKER_PROCESSES" else float(cell) == default
+        words = [word.strip("`;,.:()") for word in schema["description"].split()]
+        assert all(word in meaning for word in words), meaning
+        if schema["type"] != "string":
+            low, high = (float(number) for number in re.findall(r"[\d.e+]+", meaning.rpartition("(")[2]))
+            assert (low, high) == (schema["minimum"], schema["maximum"]), variable
+        assert all(f"`{choice}`" in meaning or choice in words for choice in schema.get("enum", ())), meaning
 
 
 def test_settings_are_listed_in_their_order_and_no_others() -> None:
@@ -124,10 +112,9 @@ def prose_of(text: str) -> list[tuple[int, str]]:
     return lines
 
 
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_prose_is_wrapped_at_120_characters(page: Path) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    assert [(number, line) for number, line in prose_of(text) if len(line) > 120] == []
+def test_prose_is_wrapped_at_120_characters() -> None:
+    long = [f"{page}:{number}" for page, text in TEXTS.items() for number, line in prose_of(text) if len(line) > 120]
+    assert long == []
 
 
 def test_a_decision_has_at_most_fifteen_lines_of_prose_and_stands_in_the_index() -> None:
@@ -145,7 +132,7 @@ def test_what_the_method_leaves_to_a_declaration_is_what_a_document_can_declare(
     assert set(re.findall(r"`(\w+)`", section)) == fields - {"image_point"} | {"diameter_mm", "loss_probability"}
 
 
-HISTORY = ("CHANGELOG.md",)  # it names what is gone, too
+NOW = {page: text for page, text in TEXTS.items() if page.name != "CHANGELOG.md"}  # which names what is gone, too
 A_USERS_OWN = ("designs/", "out/demo/")
 ROOMS = ("", "solver/tailstack", "service/tailstack_service", "solver", "service", "tests", "tests/service")
 
@@ -155,28 +142,26 @@ def exists(name: str, page: Path) -> bool:
     return any((ROOT / room / name).exists() for room in (*ROOMS, page.parent))
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in HISTORY], ids=str)
-def test_every_file_and_module_that_a_page_names_is_there(page: Path) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    spans = [span for _, line in prose_of(text) for span in re.findall(r"`([^`]+)`", line)]
-    paths = [span for span in spans if re.fullmatch(r"[\w-][\w./-]*(\.py|/)", span)]
-    modules = [span for span in spans if re.fullmatch(r"tailstack(_service)?(\.[a-z_]+)+", span)]
-    assert [path for path in paths if path not in A_USERS_OWN and not exists(path, page)] == []
-    assert [name for name in modules if find_spec_of(name) is None] == []
+def test_every_file_and_module_that_a_page_names_is_there() -> None:
+    for page, text in NOW.items():
+        spans = [span for _, line in prose_of(text) for span in re.findall(r"`([^`]+)`", line)]
+        paths = [span for span in spans if re.fullmatch(r"[\w-][\w./-]*(\.py|/)", span)]
+        modules = [span for span in spans if re.fullmatch(r"tailstack(_service)?(\.[a-z_]+)+", span)]
+        assert [path for path in paths if path not in A_USERS_OWN and not exists(path, page)] == [], page
+        assert [name for name in modules if find_spec_of(name) is None] == [], page
 
 
 NAMED = re.compile(r"`([\w/]+\.py)`: ((?:`\w+`(?:, | and )?)+)")  # what is in a file: `file.py`: `name`, `other`
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in HISTORY], ids=str)
-def test_what_a_page_says_is_in_a_file_is_there(page: Path) -> None:
+def test_what_a_page_says_is_in_a_file_is_there() -> None:
     missing = []
-    for name, listed in NAMED.findall((ROOT / page).read_text(encoding="utf-8")):
+    for page, name, listed in ((page, *each) for page, text in NOW.items() for each in NAMED.findall(text)):
         places = [ROOT / room / name for room in (*ROOMS, page.parent)]
         text = "\n".join(place.read_text(encoding="utf-8") for place in places if place.is_file())
         for word in re.findall(r"\w+", listed):
             if not re.search(rf"^\s*(def |class )?{word}\b", text, re.MULTILINE):
-                missing.append(f"{name}: {word}")
+                missing.append(f"{page}: {name}: {word}")
     assert missing == []
 
 
