@@ -100,26 +100,21 @@ def test_what_the_caller_has_said_is_not_for_what_tests_start(tmp_path: Path, op
     assert " passed" in run_tests(tmp_path, *options, said=SAID)
 
 
-def test_a_random_order_is_that_of_its_seed_and_keeps_files_together(tmp_path: Path) -> None:
+def test_orders_and_what_hypothesis_draws_are_those_of_their_seeds(tmp_path: Path) -> None:
+    """Files stay together; without a seed all is as it was."""
     for name in "abcd":
         (tmp_path / f"test_{name}.py").write_text("".join(f"def test_{k}(): pass\n" for k in range(9)))
-    orders = [re.findall(r"test_\w\.py::\S+", run_tests(tmp_path, *more)) for more in
-              ([], ["--shuffle", "3"], ["--shuffle", "3"], ["--shuffle", "4"])]  # fmt: skip
-    assert orders[1] == orders[2]
-    assert orders[0] == sorted(orders[0]) != orders[1] != orders[3]
-    assert sorted(orders[1]) == orders[0]
-    files = [test.partition("::")[0] for test in orders[1]]
-    assert sum(one != next_one for one, next_one in pairwise(files)) == 3
-
-
-def test_what_hypothesis_draws_is_the_same_until_a_seed_is_given(tmp_path: Path) -> None:
-    (tmp_path / "test_draws.py").write_text(DRAWS)
-    drawn = []
-    for options in ([], [], ["--seed", "5", "--hypothesis-seed", "5"], ["--seed", "5", "--hypothesis-seed", "5"]):
-        run_tests(tmp_path, *options)
+    (tmp_path / "test_e.py").write_text(DRAWS)
+    orders, drawn, third = [], [], ["--seed", "5", "--hypothesis-seed", "5", "--shuffle", "3"]
+    for options in ([], [], third, third, ["--shuffle", "4"]):
+        orders.append(re.findall(r"test_\w\.py::\S+", run_tests(tmp_path, *options)))
         drawn.append((tmp_path / "drawn").read_text())
         (tmp_path / "drawn").unlink()
-    assert drawn[0] == drawn[1] != drawn[2] == drawn[3]
+    assert drawn[0] == drawn[1] == drawn[4] != drawn[2] == drawn[3]
+    assert orders[0] == orders[1] == sorted(orders[0]) != orders[2] == orders[3] != orders[4]
+    assert sorted(orders[2]) == orders[0]
+    files = [test.partition("::")[0] for test in orders[2]]
+    assert sum(one != next_one for one, next_one in pairwise(files)) == 4
 
 
 def test_costs_are_written_by_test(tmp_path: Path) -> None:
