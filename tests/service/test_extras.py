@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import distribution, packages_distributions
@@ -151,17 +151,21 @@ def test_what_is_missing_is_told_at_once_to_people_programs_and_python(tmp_path:
     ids=lambda commands: " ".join(words[0] for words in commands),
 )
 def test_the_core_alone_answers_as_the_whole_installation_does(
-    commands: tuple[tuple[str, ...], ...], tmp_path: Path
+    commands: tuple[tuple[str, ...], ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Callable[..., tuple[int, str, str]],
 ) -> None:
-    alone, whole = (run_all(commands, without, tmp_path) for without in (EVERYTHING, ()))
-    assert alone == whole
+    """The whole is in this process."""
+    monkeypatch.chdir(tmp_path)
+    assert run_alone(commands, tmp_path) == [call(*words)[:2] for words in commands]
 
 
-def run_all(commands: tuple[tuple[str, ...], ...], without: tuple[str, ...], folder: Path) -> list[tuple[int, str]]:
-    """Code and output of each, in one Python that does not have these modules."""
+def run_alone(commands: tuple[tuple[str, ...], ...], folder: Path) -> list[tuple[int, str]]:
+    """Code and output of each, in one Python that has none of the modules of extras."""
     code = f"""
 import contextlib, io, json, sys
-sys.modules.update(dict.fromkeys({without!r}))
+sys.modules.update(dict.fromkeys({EVERYTHING!r}))
 from tailstack_service.cli.main import main
 said = []
 for words in {commands!r}:

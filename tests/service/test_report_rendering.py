@@ -424,13 +424,12 @@ def test_pictures_of_three_views_are_as_large_in_the_pdf_as_those_of_two() -> No
 @pytest.mark.parametrize(("limit_mm", "decimals"), [(1.0, 2), (0.9, 3)])
 def test_pictures_and_comparisons_have_the_digits_of_the_tables(limit_mm: float, decimals: int) -> None:
     """closed form: an estimate is good to 1 % of its limit, 0.01 mm of 1 mm and 0.009 mm of 0.9 mm."""
-    asked = ReportContents(parts=("score",))
     first, second = (load_design(limited(limit_mm, name=name)) for name in ("this", "other"))
-    page = render("report", to_json(compute_report(first, asked)), "html").decode()
+    found = compute_comparison(first, second, ReportContents(parts=("score",)))
+    page = render("report", to_json(found.first), "html").decode()
     lengths = re.findall(r"<text[^>]*>(?:P95|as it is,) \d+\.(\d+) mm</text>", page)
     assert len(lengths) >= 3
     assert {len(digits) for digits in lengths} == {decimals}
-    found = compute_comparison(first, second, asked)
     page = render("comparison", to_json(found), "html").decode()
     told = re.findall(r"P95 goes from \d+\.(\d+) to \d+\.(\d+) mm", found.headline.sentence)
     drawn = re.findall(r"<text[^>]*>(?:[\w ]+, )?P95 \d+\.(\d+) mm</text>", page)
