@@ -167,7 +167,7 @@ def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> 
 
 def score_mm(problem: PlacementProblem, choice: Choice) -> list[float]:
     """What the score says of every demand at a choice, mm."""
-    scored = score(replace(apply_choice(problem, choice), requirements=problem.requirements))
+    scored = score(replace(apply_choice(problem, choice), requirements=problem.requirements), losses=False)
     found = []
     for demand in problem.demands:
         (check,) = [c for c in scored.verdict.checks if (c.requirement, c.target) == demand.subject]

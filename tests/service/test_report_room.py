@@ -39,12 +39,12 @@ def with_width(design: dict[str, Any], component: str, half_width_deg: float) ->
 def test_at_its_limit_a_tolerance_gives_the_limit(limit_mm: float) -> None:
     """independent: the design is scored again with that half-width written into the document."""
     design = limited(limit_mm)
-    before = score(load_design(design)).targets[0].p95_mm
+    before = score(load_design(design), losses=False).targets[0].p95_mm
     found = of(reported(design), "structure_connector", "rx")
     assert found.status == ("spare" if before < limit_mm else "too wide")
     assert found.at_limit is not None
     assert found.slack == pytest.approx(found.at_limit - 0.1, rel=1e-9)
-    again = score(load_design(with_width(design, "rx", found.at_limit)))
+    again = score(load_design(with_width(design, "rx", found.at_limit)), losses=False)
     assert again.targets[0].p95_mm == pytest.approx(limit_mm, rel=1e-6)
 
 
@@ -53,11 +53,11 @@ def test_noise_has_room_and_what_cannot_help_or_has_no_requirement_has_none() ->
     found = of(reported(design), "fiducial_noise:AP", "all")
     assert found.at_limit is not None
     design["views"][0]["fiducial_noise_px"] = found.at_limit
-    assert score(load_design(design)).targets[0].p95_mm == pytest.approx(0.9, rel=1e-6)
+    assert score(load_design(design), losses=False).targets[0].p95_mm == pytest.approx(0.9, rel=1e-6)
     design = limited(0.1)
     found = of(reported(design), "structure_connector", "rx")
     assert (found.status, found.at_limit, found.slack) == ("zero is not enough", None, None)
-    assert score(load_design(with_width(design, "rx", 0.0))).targets[0].p95_mm > 0.1
+    assert score(load_design(with_width(design, "rx", 0.0)), losses=False).targets[0].p95_mm > 0.1
     assert "not even at zero" in " ".join(what_binds(reported(design).score, reported(design).allowances))
     design = small_design(requirements=None, optimise=None)
     assert {entry.status for entry in reported(design).allowances} == {"no requirement"}
@@ -80,7 +80,7 @@ def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> Non
     found = of(reported(design), "structure_connector", "rx")
     assert found.requirement == "deep"
     assert found.at_limit is not None
-    checks = score(load_design(with_width(design, "rx", found.at_limit))).verdict.checks
+    checks = score(load_design(with_width(design, "rx", found.at_limit)), losses=False).verdict.checks
     assert checks[0].value == pytest.approx(0.5, rel=1e-6)
 
 
@@ -111,7 +111,7 @@ def test_slack_is_to_the_requirement_that_decides() -> None:
     data = yaml.safe_load(UNITS.read_text(encoding="utf-8"))
     data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = rx.at_limit
     tried = load_design(data)
-    (estimate,) = [check for check in score(tried).verdict.checks if check.requirement == "every-unit"]
+    (estimate,) = [check for check in score(tried, losses=False).verdict.checks if check.requirement == "every-unit"]
     assert estimate.value == pytest.approx(0.6, rel=1e-6)
     (drawn,) = [check for check in verify(tried, trials=2**17).verdict.checks if check.requirement == "every-unit"]
     low, high = drawn.interval

@@ -83,7 +83,9 @@ def test_arrows_are_differences_of_scores_and_contours_scores(service: Served) -
     times = np.linalg.norm(drops[longest]) / np.linalg.norm(slopes[longest])
     for name, drop in drops.items():
         assert drop == pytest.approx(times * slopes[name], abs=1e-3 * float(np.linalg.norm(drop))), name
-    costs = {name: of.without(name) - score(load_design(of.data)).verdict.checks[0].value for name in of.points}
+    costs = {
+        name: of.without(name) - score(load_design(of.data), losses=False).verdict.checks[0].value for name in of.points
+    }
     dearest = max(costs, key=costs.__getitem__)
     assert f"most of all {dearest}, +{costs[dearest]:.3g}" in found["legend"]
     shares = {name: int(re.search(r"(\d+)%", fill)[1]) for name, fill in found["fills"]}  # type: ignore[index]

@@ -222,13 +222,13 @@ FREE = {name: normal(name) for name in NAMES}
 
 
 def test_no_correlation_gives_the_digits_of_independent_components():
-    plain = score(load_design(with_hand_eye(FREE)))
+    plain = score(load_design(with_hand_eye(FREE)), losses=False)
     for tolerances in (
         FREE | {"correlation": [pair("rx", "ty", 0.0)]},
         {"covariance_deg_mm": (np.eye(6) * 0.05**2).tolist()},
     ):
         design = load_design(with_hand_eye(tolerances))
-        again = score(design)
+        again = score(design, losses=False)
         assert again.targets == plain.targets
         assert verify(design, trials=1000).targets == verify(load_design(with_hand_eye(FREE)), trials=1000).targets
 
@@ -237,11 +237,11 @@ def test_a_covariance_is_the_same_as_components_with_correlations():
     wide = np.array([0.1] * 6) / 2
     matrix = np.diag(wide**2)
     matrix[0, 4] = matrix[4, 0] = -0.9 * wide[0] * wide[4]
-    by_pairs = score(load_design(with_hand_eye(FREE | {"correlation": [pair("ty", "rx", -0.9)]})))
-    by_matrix = score(load_design(with_hand_eye({"covariance_deg_mm": matrix.tolist()})))
+    by_pairs = score(load_design(with_hand_eye(FREE | {"correlation": [pair("ty", "rx", -0.9)]})), losses=False)
+    by_matrix = score(load_design(with_hand_eye({"covariance_deg_mm": matrix.tolist()})), losses=False)
     assert by_matrix.targets[0].p95_mm == pytest.approx(by_pairs.targets[0].p95_mm, rel=1e-12)
     assert by_pairs.targets[0].p95_mm != pytest.approx(
-        score(load_design(with_hand_eye(FREE))).targets[0].p95_mm, rel=1e-3
+        score(load_design(with_hand_eye(FREE)), losses=False).targets[0].p95_mm, rel=1e-3
     )
 
 
@@ -272,14 +272,14 @@ def test_no_covariance_is_refused_however_far_from_diagonal(rank):
 
 def test_components_that_are_correlated_are_told_together():
     pairs = [pair("rx", "ty", -0.9), pair("rz", "tx", 0.5), pair("tx", "tz", 0.3)]
-    target = score(load_design(with_hand_eye(FREE | {"correlation": pairs}))).targets[0]
+    target = score(load_design(with_hand_eye(FREE | {"correlation": pairs})), losses=False).targets[0]
     lines = {line.component: line for line in target.contributors if line.name == "hand_eye"}
     assert list(lines) == ["rx+ty", "ry", "rz+tx+tz", "all"]
     assert lines["rx+ty"].half_width is None
     assert lines["rx+ty"].law == "normal"
     assert sum(line.variance_share for line in lines.values()) == pytest.approx(2 * lines["all"].variance_share)
     without = {name: each for name, each in FREE.items() if name not in ("rx", "ty")}
-    left = score(load_design(with_hand_eye(without | {"correlation": pairs[1:]}))).targets[0]
+    left = score(load_design(with_hand_eye(without | {"correlation": pairs[1:]})), losses=False).targets[0]
     assert lines["rx+ty"].p95_without_mm == pytest.approx(left.p95_mm, rel=1e-3)
 
 
@@ -355,7 +355,7 @@ def test_rows_of_a_batch_are_single_scores_where_widths_are_correlated():
         pointer = f"/{at.replace('.', '/')}/{component}/half_width_deg"
         found = score_batch(design, {pointer: [0.05, 0.2]})
         for width, row in zip((0.05, 0.2), found.columns["p95_mm:tip"], strict=True):
-            one = score(load_design(seated(TIED | {component: normal(component, width)})))
+            one = score(load_design(seated(TIED | {component: normal(component, width)})), losses=False)
             assert row == pytest.approx(one.targets[0].p95_mm, rel=1e-9)
 
 

@@ -47,7 +47,7 @@ def test_points_are_the_scores_of_their_designs_in_row_major_order() -> None:
         (0.2, 0.1), (0.2, 0.2), (0.2, 0.3), (0.8, 0.1), (0.8, 0.2), (0.8, 0.3),
     ]  # fmt: skip
     for point in found.points:
-        expected = score(load_design(with_numbers(*point.values)))
+        expected = score(load_design(with_numbers(*point.values)), losses=False)
         target = expected.targets[0]
         assert point.status == "ok"
         assert point.verdict == expected.verdict.status
@@ -91,7 +91,7 @@ def test_every_element_takes_the_value_of_a_star() -> None:
     """By a path of names, and the design itself is left as it was."""
     found = sweep(DEMO, {"views.*.fiducial_noise_px": np.array([0.9])})
     data = replaced(DATA, ("views",), [view | {"fiducial_noise_px": 0.9} for view in DATA["views"]])
-    assert found.points[0].targets[0].p95_mm == score(load_design(data)).targets[0].p95_mm
+    assert found.points[0].targets[0].p95_mm == score(load_design(data), losses=False).targets[0].p95_mm
     assert found.axes[0].base == 0.3
     assert DEMO.source.data == DATA
 
@@ -215,7 +215,7 @@ def test_what_is_a_list_a_default_or_a_label_can_be_set() -> None:
     moved = DEMO.with_value("fiducials.points.0.position_mm", (-41.0, 30, -60))
     assert moved.fiducials.positions_mm[0] == (-41.0, 30.0, -60.0)
     tighter = DEMO.with_value("requirements", [{"name": "tip-accuracy", "limit_mm": 0.5}])
-    assert score(tighter).verdict.checks[0].limit == 0.5
+    assert score(tighter, losses=False).verdict.checks[0].limit == 0.5
     assert "model" not in DATA
     assert DEMO.with_value("model.rotation", "small_angle").document.model.rotation == "small_angle"
     typed = "interfaces.kinematic connector (3-2-1).locators.A3.half_width_mm"
@@ -300,7 +300,7 @@ def test_the_derivative_of_p95_is_that_of_differences(example: str, error: Any) 
     design = load_design(EXAMPLES / example)
     function = DesignFunction(design, INPUTS[example])
     p95, gradient = function.p95_gradient(function.present, error=error)
-    first = score(design).targets[0]
+    first = score(design, losses=False).targets[0]
     assert p95 == pytest.approx(first.p95_mm if error == "tcp" else first.localisation.p95_mm, abs=1e-12)
     assert np.abs(gradient).max() > 0
     for k in range(len(gradient)):
@@ -356,7 +356,7 @@ def test_a_number_without_a_known_derivative_is_refused_by_name_and_can_be_evalu
     with pytest.raises(OutOfRangeError, match=moves) as refused:
         function.p95_gradient(function.present)
     assert refused.value.problems[0].pointer == function.pointers[0]
-    assert function.score(function.present).targets[0].p95_mm == score(DEMO).targets[0].p95_mm
+    assert function.score(function.present).targets[0].p95_mm == score(DEMO, losses=False).targets[0].p95_mm
 
 
 def test_what_moves_unseen_or_is_sampled_has_no_derivative() -> None:

@@ -85,7 +85,7 @@ def test_what_units_and_mountings_keep_is_that_of_draws_nested_three_deep(risk: 
             own.append(np.sqrt(np.partition(squares, 949, axis=1)[:, 949:951].mean(axis=1)))
         blocks.append(np.quantile(np.concatenate(own), 0.9))
     error = np.std(blocks, ddof=1) / 4
-    value = score(system).verdict.checks[0].value
+    value = score(system, losses=False).verdict.checks[0].value
     assert error < 0.0015 * value
     assert value == pytest.approx(np.mean(blocks), rel=0.005)
 
@@ -98,7 +98,7 @@ def test_no_pooled_number_depends_on_a_level() -> None:
                 connector_flange=replace(system.connector_flange, drawn=level), manufacturing_drawn=level)
         for level in Drawn
     ]  # fmt: skip
-    scored = [score(each).targets[0].p95_mm for each in found]
+    scored = [score(each, losses=False).targets[0].p95_mm for each in found]
     assert scored == pytest.approx([scored[0]] * 3, rel=1e-12)
     drawn = [verify(each, trials=4096, seed=3).targets[0] for each in found]
     assert drawn[1] == drawn[0] == drawn[2]
@@ -117,7 +117,7 @@ def test_a_reading_shares_what_its_level_holds_and_draws_the_rest_again() -> Non
 def test_the_simulation_judges_mountings_as_the_score_does() -> None:
     """sampled: 2,048 units and mountings; the estimate within 2 % of the simulation (five times its standard error)."""
     system = clipped_on(requirements=(on("per_unit"), on("per_mounting")))
-    estimated, simulated = score(system).verdict.checks, verify(system, trials=4096).verdict.checks
+    estimated, simulated = score(system, losses=False).verdict.checks, verify(system, trials=4096).verdict.checks
     for estimate, check in zip(estimated, simulated, strict=True):
         assert check.value == pytest.approx(estimate.value, rel=0.02)
     assert simulated[1].headline == "P95 that 90 % of mountings keep"

@@ -290,7 +290,7 @@ def requirement(limit_mm, **changes):
 def test_demo_agrees_with_first_order_within_one_per_cent():
     """The issue's figure: mean, standard deviations and P95; 262,144 trials, sampling error below 0.3 %."""
     design = load_design(DEMO)
-    first, check = score(design).targets[0], verify(design, trials=262_144, seed=20).targets[0]
+    first, check = score(design, losses=False).targets[0], verify(design, trials=262_144, seed=20).targets[0]
     assert check.p95_mm == pytest.approx(first.p95_mm, rel=0.01)
     assert check.mean_norm_mm == pytest.approx(first.mean_norm_mm, rel=0.01)
     assert check.std_mm == pytest.approx(first.std_mm, rel=0.01)
@@ -303,7 +303,7 @@ def test_demo_agrees_with_first_order_within_one_per_cent():
 
 def test_adaptive_run_goes_on_until_the_requirement_is_decided():
     """A limit 0.4 % above P95 is open at the precision asked for and decided by more trials."""
-    value = score(cube8_system()).targets[0].p95_mm
+    value = score(cube8_system(), losses=False).targets[0].p95_mm
     system = cube8_system(requirements=(requirement(1.006 * value),))
     loose = verify(cube8_system(), precision=0.01, seed=8)
     decided = verify(system, precision=0.01, seed=8)
@@ -324,7 +324,7 @@ def test_adaptive_run_goes_on_until_the_requirement_is_decided():
 def test_where_first_order_breaks_the_check_says_which_way(fiducials, aim, noise, quantile):
     """published: first order is optimistic for a small cluster with the target outside, and for few fiducials."""
     system = system_of(fiducials, views=with_noise(noise), targets=(target(aim),))
-    trust = score(system).validity
+    trust = score(system, losses=False).validity
     assert trust.status in ("good to 20 %", "not valid")
     assert "optimistic" in trust.statement
     result = verify(system, trials=40_000, seed=2)
@@ -404,9 +404,9 @@ def test_per_unit_yield_by_nested_sampling_agrees_with_the_score():
     """sampled: 2048 units; 4 standard errors (1 in 16,000)."""
     installed = mount("connector_flange", (0, 0, -145), half_width=[0.002] * 3 + [0.05] * 3)
     system = cube8_system(connector_flange=installed, views=with_noise(1.0))
-    middle = score(system).targets[0].p95_mm * 0.85
+    middle = score(system, losses=False).targets[0].p95_mm * 0.85
     system = replace(system, requirements=(requirement(middle, risk="per_unit", min_yield=0.5),))
-    expected = score(system).verdict.checks[0].yield_fraction
+    expected = score(system, losses=False).verdict.checks[0].yield_fraction
     check = verify(system, trials=4000, seed=12).verdict.checks[0]
     assert 0.1 < check.yield_fraction < 0.99
     error = np.sqrt(expected * (1 - expected) / 2048)
@@ -424,7 +424,7 @@ def test_reprojection_is_the_residual_a_dlt_leaves():
 def test_trials_and_precision_exclude_each_other_and_few_trials_leave_a_limit_open():
     with pytest.raises(DesignError):
         verify(cube8_system(), trials=1000, precision=0.01)
-    value = score(cube8_system()).targets[0].p95_mm
+    value = score(cube8_system(), losses=False).targets[0].p95_mm
     near = cube8_system(requirements=(requirement(1.002 * value),))
     assert verify(near, trials=2000, seed=1).verdict.status == "inconclusive"
     far = cube8_system(requirements=(requirement(0.5 * value),))

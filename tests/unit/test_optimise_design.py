@@ -51,7 +51,7 @@ def test_the_new_design_scores_and_verifies_as_promised() -> None:
     revised = load_design(result.design)
     limit = 1.0
     assert result.status == "verified"
-    assert score(revised).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
+    assert score(revised, losses=False).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
     assert result.p95_after_mm <= limit
     assert result.p95_after_mm > 0.98 * limit
     check = result.certificate.verification
@@ -74,7 +74,7 @@ def test_the_layout_keeps_what_it_was_told() -> None:
     assert np.linalg.norm(layout[first] - layout[second], axis=1).min() >= 12 - 1e-5
     assert [entry.label for entry in result.moved] == list(system.fiducial_labels)
     np.testing.assert_array_equal([entry.after_mm for entry in result.moved], layout)
-    views = score(load_design(result.design)).views
+    views = score(load_design(result.design), losses=False).views
     assert all(view.smallest_margin_px is not None and view.smallest_margin_px >= 20 - 0.01 for view in views)
     assert all(view.closest_pair_px >= 25 - 0.01 for view in views)
 
@@ -82,7 +82,7 @@ def test_the_layout_keeps_what_it_was_told() -> None:
 def test_the_record_is_plain_and_explains_itself() -> None:
     result = demo_result()
     json.dumps(asdict(result), allow_nan=False)
-    assert result.p95_before_mm == pytest.approx(score(load_design(DEMO)).targets[0].p95_mm, rel=1e-9)
+    assert result.p95_before_mm == pytest.approx(score(load_design(DEMO), losses=False).targets[0].p95_mm, rel=1e-9)
     by_name = {(item.contributor, item.component): item for item in result.tolerances}
     # closed form: lever from the pivot at z = -95 mm to the tip at z = 70 mm, bias of 0.05 deg neglected
     turned = by_name["structure_connector", "rx"]
@@ -151,7 +151,7 @@ def test_another_quantile_of_another_error() -> None:
     assert len(checks) == 8
     assert {(item.quantile, item.error) for item in checks} == {(0.9, "localisation")}
     assert max(item.interval[1] for item in checks) <= 0.6
-    scored = score(load_design(result.design))
+    scored = score(load_design(result.design), losses=False)
     assert result.p95_after_mm == pytest.approx(max(t.localisation.p95_mm for t in scored.targets), rel=1e-9)
     assert 0.59 < max(item.value for item in scored.verdict.checks) <= 0.6
     # interface 2 comes after localisation: nothing depends on it
@@ -242,7 +242,9 @@ def test_stopped_it_returns_the_best_so_far_verified() -> None:
     checks = result.certificate.verification.verdict.checks
     assert result.status == "verified"
     assert max(item.interval[1] for item in checks) <= 1.0
-    assert score(load_design(result.design)).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
+    assert score(load_design(result.design), losses=False).targets[0].p95_mm == pytest.approx(
+        result.p95_after_mm, rel=1e-9
+    )
 
 
 @pytest.mark.long
@@ -344,7 +346,7 @@ def test_any_valid_section_is_verified_or_refused(seed: int) -> None:
     assert result.status == "verified"
     assert result.certificate.verification.verdict.status == "pass"
     json.dumps(asdict(result), allow_nan=False)
-    scored = score(load_design(result.design))
+    scored = score(load_design(result.design), losses=False)
     assert scored.targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
     if data["requirements"][0].get("risk") != "per_unit":
         assert result.p95_after_mm <= data["requirements"][0]["limit_mm"]
@@ -371,10 +373,10 @@ def test_no_layout_gets_below_what_the_mechanics_leave() -> None:
     """independent: the score of the same design with images and fiducials made perfect."""
     data = document(limit_mm=0.8, **moving())
     (finding,) = findings(data, "layout-influence")
-    floor = score(load_design(without_noise(data))).targets[0].p95_mm
+    floor = score(load_design(without_noise(data)), losses=False).targets[0].p95_mm
     assert finding.value == pytest.approx(floor, rel=1e-5)
     assert (finding.severity, finding.limit, finding.pointer) == ("note", 0.8, "/optimise/box")
-    now = score(load_design(data)).targets[0].p95_mm
+    now = score(load_design(data), losses=False).targets[0].p95_mm
     assert f"{now:.4g} mm" in finding.message
     assert f"({100 * (floor / now - 1):+.1f} %)" in finding.message
     # and the best layout of all, tolerances as they are, is above it
@@ -388,8 +390,8 @@ def test_a_layout_that_hardly_matters_is_a_warning() -> None:
         data["interfaces"][FLANGE]["tolerances"][axis] = normal("deg", 4.0)
     (finding,) = findings(data, "layout-influence")
     assert finding.severity == "warning"
-    floor = score(load_design(without_noise(data))).targets[0].p95_mm
-    assert floor / score(load_design(data)).targets[0].p95_mm > 0.995
+    floor = score(load_design(without_noise(data)), losses=False).targets[0].p95_mm
+    assert floor / score(load_design(data), losses=False).targets[0].p95_mm > 0.995
     assert finding.value == pytest.approx(floor, rel=1e-5)
 
 

@@ -130,14 +130,14 @@ UNSEEN = (
 
 def judge(path: Path) -> Iterator[tuple[str, str, float, bool]]:
     """(pointer, unit, P95 after less before, relative; whether it is doubted or refused) of each slip of a design."""
-    before = max(target.p95_mm for target in score(load_design(path)).targets)
+    before = max(target.p95_mm for target in score(load_design(path), losses=False).targets)
     assert not {each.rule for each in check_design(load_design(path))[1]} & set(PLAUSIBILITY)
     for pointer, unit, data in list_slips(path):
         try:
             design = load_design(data, base_directory=path.parent)
             findings = check_design(design)[1]
             seen = any(each.rule in PLAUSIBILITY for each in findings)
-            after = before if seen else max(target.p95_mm for target in score(design).targets)
+            after = before if seen else max(target.p95_mm for target in score(design, losses=False).targets)
         except (DesignError, IllPosedError):
             seen, after = True, before
         yield pointer, unit, after / before - 1, seen

@@ -56,22 +56,22 @@ def scaled(system: System, contributor: str, index: int, factor: float) -> Syste
 
 
 def p95(system: System) -> float:
-    return score(system).targets[0].p95_mm
+    return score(system, losses=False).targets[0].p95_mm
 
 
 def lines(system: System):
-    return {(c.name, c.component): c for c in score(system).targets[0].contributors}
+    return {(c.name, c.component): c for c in score(system, losses=False).targets[0].contributors}
 
 
 def test_reference_values_of_the_cube():
     """oracle: 0.5 px on eight cube corners: P95 0.2517680, mean norm 0.1436123."""
-    result = score(cube8_system()).targets[0]
+    result = score(cube8_system(), losses=False).targets[0]
     assert result.p95_mm == pytest.approx(0.2517680334691567, rel=1e-6)
     assert result.mean_norm_mm == pytest.approx(0.1436122708797023, rel=1e-6)
     assert result.bounds_mm.gaussian == pytest.approx(result.p95_mm, rel=1e-9)
     assert result.bounds_mm.gaussian < result.bounds_mm.unimodal < result.bounds_mm.moments
     # oracle: 0.1 mm beads: 0.39134 with the cross-view covariance, 0.37704 without.
-    result = score(cube8_system(manufacturing_half_width_mm=read_only(np.full((8, 3), 0.1)))).targets[0]
+    result = score(cube8_system(manufacturing_half_width_mm=read_only(np.full((8, 3), 0.1))), losses=False).targets[0]
     assert result.p95_mm == pytest.approx(0.39133860218538585, rel=1e-6)
     assert result.block_diagonal_p95_mm == pytest.approx(0.37703913469527883, rel=1e-6)
 
@@ -80,7 +80,7 @@ def test_uniform_tolerances_are_not_gaussian():
     """independent: the linear model sampled elsewhere gave 1.2889 (10^6 draws: +-0.0008 at 4 se), Gaussian 1.3574."""
     first = mount("structure_connector", (0, 0, -95), half_width=[0.25 * DEGREES] * 3 + [0.1] * 3, law=Law.UNIFORM)
     second = mount("connector_flange", (0, 0, -145), half_width=[0.15 * DEGREES] * 3 + [0.2] * 3, law=Law.UNIFORM)
-    result = score(cube8_system(structure_connector=first, connector_flange=second)).targets[0]
+    result = score(cube8_system(structure_connector=first, connector_flange=second), losses=False).targets[0]
     assert result.p95_mm == pytest.approx(1.2889, abs=8e-4)
     assert result.bounds_mm.gaussian == pytest.approx(1.3574, abs=1e-4)
 
@@ -91,7 +91,7 @@ def test_the_gaussian_quantile_is_no_bound_and_is_not_called_one():
     first = mount("structure_connector", half_width=along, law=Law.UNIFORM)
     second = mount("connector_flange", half_width=along, law=Law.UNIFORM, bias=along)
     scene = cube8_system(views=with_noise(1e-3), structure_connector=first, connector_flange=second)
-    result = score(scene).targets[0]
+    result = score(scene, losses=False).targets[0]
     assert result.p95_mm == pytest.approx(1 + 2 * (1 - sqrt(0.1)), rel=1e-4)
     assert result.bounds_mm.gaussian == pytest.approx(1 + NormalDist().inv_cdf(0.95) * sqrt(2 / 3), rel=1e-4)
     assert 1.01 * result.bounds_mm.gaussian < result.p95_mm < result.bounds_mm.unimodal
@@ -144,7 +144,7 @@ def test_bounded_components_take_their_worst_ends():
     system = cube8_system(
         connector_flange=bounded, structure_connector=mount("structure_connector", bias=[0, 0, 0, 0.1, 0.02, -0.05])
     )
-    result = score(system).targets[0]
+    result = score(system, losses=False).targets[0]
     vertices = np.array(np.meshgrid(*[[-1, 1]] * 6)).reshape(6, -1).T
     held = [
         p95(replace(system, connector_flange=mount("connector_flange", (10, -20, -145), bias=v * half)))
@@ -165,7 +165,7 @@ def test_per_unit_yield_against_nested_sampling():
     )
     limit = 0.75
     system = replace(system, requirements=(Requirement("r", "tcp", 0.95, limit, 0.95, ("target",)),))
-    result = score(system).targets[0]
+    result = score(system, losses=False).targets[0]
     model = linearise(system, system.targets[0])
     unit = next(b for b in model.blocks if b.contributor == "connector_flange")
     shot = sum((b.gain("tcp") * b.std) @ (b.gain("tcp") * b.std).T for b in model.blocks if b is not unit)
@@ -183,15 +183,18 @@ def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
     installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
     pooled = Requirement("all", "tcp", 0.95, 0.5, 0.95, ("target",))
     each = Requirement("each", "tcp", 0.99, 0.8, 0.95, ("target",), "per_unit", 0.9)
-    result = score(cube8_system(connector_flange=installed, requirements=(pooled, each)))
+    result = score(cube8_system(connector_flange=installed, requirements=(pooled, each)), losses=False)
     unit, check = result.targets[0].per_unit, result.verdict.checks[1]
     assert (unit.limit_mm, unit.quantile, unit.units_fraction) == (0.8, 0.99, 0.9)
     assert (unit.value_mm, unit.yield_fraction) == (check.value, check.yield_fraction)
     assert 0.0 < unit.yield_fraction < 1.0
-    assert unit.p95_of_units_mm == score(cube8_system(connector_flange=installed)).targets[0].per_unit.p95_of_units_mm
+    assert (
+        unit.p95_of_units_mm
+        == score(cube8_system(connector_flange=installed), losses=False).targets[0].per_unit.p95_of_units_mm
+    )
     assert result.targets[0].limit_mm == 0.5
     # of all units together nothing is asked by a requirement on each
-    alone = score(cube8_system(connector_flange=installed, requirements=(each,))).targets[0]
+    alone = score(cube8_system(connector_flange=installed, requirements=(each,)), losses=False).targets[0]
     assert (alone.limit_mm, alone.exceedance_probability) == (None, None)
 
 
@@ -212,7 +215,7 @@ def test_large_random_rotations_are_not_called_linear():
     """sampled: at a standard deviation of 15 deg first order is more than 1 % off (60,000 trials: 0.5 %)."""
     turned = mount("connector_flange", (0, 0, -145), half_width=[15 * DEGREES] * 3 + [0.1] * 3)
     system = cube8_system(connector_flange=turned)
-    result = score(system)
+    result = score(system, losses=False)
     assert result.validity.status == "good to 20 %"
     assert "mounts that turn" in result.validity.statement
     check = verify(system, trials=60_000, seed=3)
@@ -221,11 +224,11 @@ def test_large_random_rotations_are_not_called_linear():
 
 def test_second_order_helps_inside_its_range_and_is_refused_outside():
     system = system_of(cube_fiducials(20.0), views=with_noise(2.0))
-    result = score(system, second_order=True).targets[0]
+    result = score(system, second_order=True, losses=False).targets[0]
     assert result.second_order.status == "applied"
     assert all(two > one for one, two in zip(result.std_mm, result.second_order.std_mm, strict=True))
     rough = system_of(cube_fiducials(8.0), views=with_noise(5.0))
-    refused = score(rough, second_order=True).targets[0].second_order
+    refused = score(rough, second_order=True, losses=False).targets[0].second_order
     assert refused.status == "refused"
     assert "nu = " in refused.reason
 
@@ -235,7 +238,7 @@ def test_the_mean_shift_of_second_order_is_the_mean_of_the_chain():
     """independent: antithetic pairs of the plain chain cancel first order and leave the shift."""
     system = system_of(cube_fiducials(20.0), views=with_noise(2.0))
     aim = system.targets[0]
-    shift = np.array(score(system, second_order=True).targets[0].second_order.mean_shift_mm)
+    shift = np.array(score(system, second_order=True, losses=False).targets[0].second_order.mean_shift_mm)
     rng = np.random.default_rng(4)
     halves = []
     for _ in range(3000):
@@ -250,7 +253,7 @@ def test_the_mean_shift_of_second_order_is_the_mean_of_the_chain():
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda p: p.stem)
 def test_every_example_scores(path):
-    result = score(load_design(path))
+    result = score(load_design(path), losses=False)
     assert all(np.isfinite(t.p95_mm) and t.p95_mm > 0 for t in result.targets)
     assert all(t.law_error_mm < 1e-3 * t.p95_mm for t in result.targets)
     assert result.provenance.design_sha256
@@ -272,8 +275,10 @@ def shrunk(value, factor):
 @pytest.mark.parametrize("factor", [1e-9, 1e-12, 1e-20, 1e-30, 1e-60, 1e-100, 1e-300])
 def test_nothing_random_is_left_of_noise_that_vanishes(factor):
     """closed form: P95, mean and CVaR are the length of the bias, to the noise; nothing is refused, nothing warns."""
-    whole = score(load_design(EXAMPLES / "demo.yaml")).targets[0]
-    target = score(load_design(shrunk(load_design(EXAMPLES / "demo.yaml").source.data, factor))).targets[0]
+    whole = score(load_design(EXAMPLES / "demo.yaml"), losses=False).targets[0]
+    target = score(load_design(shrunk(load_design(EXAMPLES / "demo.yaml").source.data, factor)), losses=False).targets[
+        0
+    ]
     bias = np.linalg.norm(whole.bias_mm)
     for value in (target.p95_mm, target.mean_norm_mm, target.cvar95_mm, target.per_unit.p95_of_units_mm):
         assert value == pytest.approx(bias, rel=1e-11, abs=4 * factor)
@@ -304,7 +309,7 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
     design = load_design(DATA / "designs" / "large_known_bias.json")
     monkeypatch.setattr(declared, "sample", count)
     monkeypatch.setattr(scoring, "list_levers", levers)
-    found = score(design).targets[0]
+    found = score(design, losses=False).targets[0]
     assert of_budget[0] < 7e7
     assert sum(drawn) - of_budget[0] < 6.2e7
     assert "Monte-Carlo" in found.law
@@ -331,7 +336,7 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
 def test_intervals_above_p95_are_wider_as_tails_err_more(quantile, times):
     """closed form: the calibrated error of P95 times what was calibrated for the quantile."""
     requirement = Requirement("r", "tcp", quantile, 10.0, 0.95, ("target",))
-    result = score(cube8_system(requirements=(requirement,)))
+    result = score(cube8_system(requirements=(requirement,)), losses=False)
     low, high = result.verdict.checks[0].interval
     assert result.validity.status == "good to 1 %"
     assert high / low == pytest.approx((1 + times / 100) ** 2, rel=1e-9)
@@ -339,7 +344,7 @@ def test_intervals_above_p95_are_wider_as_tails_err_more(quantile, times):
 
 def test_beyond_p999_first_order_decides_nothing():
     requirement = Requirement("r", "tcp", 0.9995, 1e6, 0.95, ("target",))
-    assert score(cube8_system(requirements=(requirement,))).verdict.status == "inconclusive"
+    assert score(cube8_system(requirements=(requirement,)), losses=False).verdict.status == "inconclusive"
 
 
 @pytest.mark.parametrize("half_width_mm", [80, 90, 200])
@@ -425,9 +430,9 @@ def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
     """closed form: twelve coordinates less eleven unknowns leave one number to test."""
     rng = np.random.default_rng(8)
     system = system_of(rng.uniform(-50, 50, (6, 3)) + np.array([0, 0, -20.0]))
-    entries = score(system, reliability=True).reliability
+    entries = score(system, reliability=True, losses=False).reliability
     assert len(entries) == 12
     assert all(entry.slip_px is None and entry.effect_mm is None for entry in entries)
-    some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True).reliability
+    some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True, losses=False).reliability
     assert len(some) == 15
-    assert score(system).reliability == ()
+    assert score(system, losses=False).reliability == ()

@@ -60,8 +60,8 @@ def test_estimators_of_all_unknowns_absorb_a_tilt_and_those_that_believe_the_int
     turn = {"about_u": {"half_width_deg": 1.0, "distribution": "uniform"}, "bias_about_v_deg": 0.5}
     for estimator in ("dlt", "reprojection", "pose"):
         plain = demo().with_value("model.estimator", estimator)
-        before = score(plain).targets[0].p95_mm
-        after = score(plain.with_value("views.AP.detector_tilt", turn)).targets[0].p95_mm
+        before = score(plain, losses=False).targets[0].p95_mm
+        after = score(plain.with_value("views.AP.detector_tilt", turn), losses=False).targets[0].p95_mm
         assert abs(after / before - 1) < 1e-6 or estimator == "pose"
         assert abs(after / before - 1) > 1e-4 or estimator != "pose"
 
@@ -117,7 +117,7 @@ def test_the_shadow_of_a_ball_is_shifted_by_four_fifths() -> None:
 
 
 def test_what_is_declared_is_no_longer_among_what_is_not_included() -> None:
-    before, after = (score(design).provenance.not_included for design in (demo(), demo(everything)))
+    before, after = (score(design, losses=False).provenance.not_included for design in (demo(), demo(everything)))
     words = " ".join(after)
     assert "motion between the shots" in before
     assert "motion between" not in words
@@ -140,16 +140,16 @@ def test_a_known_error_of_assumed_intrinsics_has_a_line_that_says_what_correctin
 
         return change
 
-    target = score(demo(tell(0, 1))).targets[0]
+    target = score(demo(tell(0, 1)), losses=False).targets[0]
     lines, both = target.contributors, target.p95_mm
     for name, other in (("AP", 1), ("LAT", 0)):
         (line,) = [c for c in lines if c.name == f"assumed_intrinsics:{name}" and c.component == "known"]
-        corrected = score(demo(tell(other))).targets[0].p95_mm
+        corrected = score(demo(tell(other)), losses=False).targets[0].p95_mm
         assert line.p95_without_mm == pytest.approx(corrected, abs=2e-5)  # the budget is not refined further
         assert abs(corrected - both) > 1e-3
         assert line.label == f"assumed intrinsics, {name}, known"
         assert line.variance_share == 0
-    assert not [c for c in score(demo(tell())).targets[0].contributors if c.law == "known"]
+    assert not [c for c in score(demo(tell()), losses=False).targets[0].contributors if c.law == "known"]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_half_width_can_be_varied_from_nought_its_law_beside_it(path: str) -> 
             place.pop(field, None)
 
     first, second = sweep(demo(declare), {path: [0.0, 0.9]}).points
-    assert first.targets[0].p95_mm == pytest.approx(score(demo(leave_out)).targets[0].p95_mm, rel=1e-12)
+    assert first.targets[0].p95_mm == pytest.approx(score(demo(leave_out), losses=False).targets[0].p95_mm, rel=1e-12)
     assert first.targets[0].p95_mm < second.targets[0].p95_mm
     nought = demo(declare).with_value(path, 0)
     assert load_design(design_to_yaml(nought)).sha256 == nought.sha256
@@ -209,7 +209,7 @@ def test_a_body_of_one_material_shrinks_what_it_sees_about_the_flange() -> None:
         data["temperature"] = alike
 
     warm, cold = (
-        score(demo(change)).targets[0]
+        score(demo(change), losses=False).targets[0]
         for change in (only_heat, lambda data: (only_heat(data), data.pop("temperature")))
     )
     shift = np.array(warm.bias_mm) - cold.bias_mm
