@@ -46,11 +46,13 @@ from tailstack.optimisation.global_bound import (
     fit_below,
     information_of,
     least_mean_square,
+    least_quantile,
     left_out,
     most_known,
     net_of,
     slopes_at,
     spread_directions,
+    sure_quantile,
 )
 from tailstack.optimisation.problem import Choice, Survival, apply_choice, present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, Shape, bounding_box, sample
@@ -60,6 +62,7 @@ from tailstack.optimisation.surface import NearSurface
 from tailstack.optimisation.terms import DemandTerms, every_terms
 from tailstack.propagation.linear import UNJUDGED, chain_of, linearise_at
 from tailstack.system import Estimator, Law, Sources, System, Triangulation
+from tailstack.tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile
 
 SMALL_MM = np.array([[-20.0, -20.0, -40.0], [20.0, 20.0, 0.0]])
 EVERY = [(estimator, form) for estimator in Estimator for form in Triangulation]
@@ -225,6 +228,21 @@ def test_of_each_unit_it_is_what_units_and_shots_add_up_to() -> None:
     assert told.value_mm == pytest.approx(expected, rel=1e-6)
     shots_alone = global_bound._bound_units(term, np.zeros(0), np.diag([1.0, 1e-6, 1e-6]), moved=False)
     assert shots_alone.value_mm == pytest.approx(1.6449, rel=1e-4)  # of |N(0, 1)|
+
+
+def test_a_law_that_has_to_be_sampled_has_the_quantile_of_its_longest_component() -> None:
+    """sampled: 400,000 draws; four standard errors: one in ten thousand is wrong."""
+    columns = np.array([[1.0, 0.2, 0.1], [0.0, 0.5, 0.1], [0.0, 0.0, 0.3]])
+    law = LinearLaw(np.zeros(3), np.zeros((3, 3)), columns, np.zeros(3, dtype=np.int64))
+    assert law_quantile(law, 0.95).method == SAMPLED_METHOD
+    drawn = np.random.default_rng(0).uniform(-1, 1, (400_000, 3)) @ columns.T
+    longest = np.abs(drawn @ np.linalg.eigh(law.total_covariance)[1][:, 2])
+    found = least_quantile(law, 0.95)
+    with pytest.raises(NoBound):
+        sure_quantile(law, 0.95)
+    assert found < np.quantile(np.linalg.norm(drawn, axis=1), 0.95)
+    below = (longest <= found).mean()
+    assert abs(below - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 400_000)
 
 
 def test_what_temperature_does_at_the_flange_may_undo_what_it_does_in_the_images() -> None:

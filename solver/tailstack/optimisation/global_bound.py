@@ -131,9 +131,9 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
     if term.demand.nested:
         return _bound_units(term, half_width, images, moved)
     law = law_with(term, half_width, images)
-    least = _bound_pooled(law, requirement.quantile, bias, moved)
     if (value := value_of(requirement)) is None:
-        return least
+        return _bound_pooled(law, requirement.quantile, bias, moved)
+    sure_quantile(law, requirement.quantile)  # where that is sampled, so is the mean
     # A mean of |e|, over all shots or the worst of them, is convex: what is independent of it only adds (Jensen).
     law = law if moved else replace(law, mean=bias)
     return QuantileBound(value(law) * (1 - MEAN_ERROR), ", without the known bias" if moved else "")
@@ -141,10 +141,10 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
 
 def _bound_pooled(law: LinearLaw, p: float, bias: Array, moved: bool) -> QuantileBound:
     """Of the quantile of a law about 0, with a bias (3,) mm and whatever is independent besides."""
-    least_mm = sure_quantile(law, p)
+    least_mm = least_quantile(law, p)
     if bias.any() and not moved and p > 0.5:
         level = p if not law.columns.any() else sqrt(2 * p - 1)
-        with_bias = sure_quantile(replace(law, mean=bias), level)
+        with_bias = least_quantile(replace(law, mean=bias), level)
         if with_bias > least_mm:
             at = "" if level == p else f", computed at P{100 * level:.2f} so that it holds with the known bias"
             return QuantileBound(with_bias, at)
@@ -167,7 +167,7 @@ def _bound_units(term: DemandTerms, half_width: Array, images: Array, moved: boo
     )
     round_mm2 = np.linalg.eigvalsh(shots.covariance)[0] * INSIDE * np.eye(3)
     about = replace(shots, mean=np.array([far.value_mm, 0.0, 0.0]), covariance=round_mm2, columns=shots.columns * 0.0)
-    return far._replace(value_mm=max(sure_quantile(about, p), sure_quantile(shots, p)))
+    return far._replace(value_mm=max(least_quantile(about, p), least_quantile(shots, p)))
 
 
 def fit_images(net: Net, term: DemandTerms, half_width: Array) -> Array:
@@ -313,6 +313,18 @@ def sure_quantile(law: LinearLaw, p: float, fine: bool = True) -> float:
     if found.method == SAMPLED_METHOD:
         raise NoBound("the quantile of so many laws that are not normal is sampled")
     return found.quantile_mm - found.error_mm
+
+
+def least_quantile(law: LinearLaw, p: float) -> float:
+    """The same; of a law that would be sampled that of its longest component, which is never more."""
+    try:
+        return sure_quantile(law, p)
+    except NoBound:
+        along = np.zeros((3, 3))
+        along[0] = np.linalg.eigh(law.total_covariance)[1][:, 2]
+        covariance = along @ law.covariance @ along.T
+        line = replace(law, mean=along @ law.mean, covariance=covariance, columns=along @ law.columns)
+        return sure_quantile(line, p)
 
 
 def information_of(problem: PlacementProblem, term: DemandTerms, every_law: bool = False) -> Information:
