@@ -21,7 +21,7 @@ from ..errors import DesignError, LimitError, Problem, StepError
 from .calibration_cages import CageForm, read_cage, write_cage
 from .step import StepBody, StepContact, StepSelection, StepTolerance, read_step
 from .step.part21 import MOST_BYTES
-from .step.seat import DrawnSeat, find_seat
+from .step.seat import StepSeat, find_seat
 
 Base = Design | Callable[[FiducialList], Design]
 STEP_FILES = (".step", ".stp", ".p21")
@@ -134,7 +134,7 @@ def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
 
 
 def _place_fiducials(
-    base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = (), seat: DrawnSeat | None = None
+    base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = (), seat: StepSeat | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The design with other fiducials and perhaps a seat; without one, these sections of it.  And what to mind."""
     base = base(fiducials) if callable(base) else base

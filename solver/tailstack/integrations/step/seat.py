@@ -18,7 +18,7 @@ ALIKE = 1e-3  # sine of an angle between directions, and mm between axes, that a
 REMARK, MOST_REMARKS = 380, 10  # characters of a remark, and such about what was left
 
 
-class DrawnSeat(NamedTuple):
+class StepSeat(NamedTuple):
     """What a file says of a seat."""
 
     pivot_mm: list[float]  # (3,) the middle of its face, con
@@ -26,7 +26,7 @@ class DrawnSeat(NamedTuple):
     remarks: list[str]  # sentences: every value that was read, and what was left
 
 
-def read_drawn_seat(content: bytes, name: str, pin_class: str, frame: str | None = None) -> DrawnSeat:
+def read_drawn_seat(content: bytes, name: str, pin_class: str, frame: str | None = None) -> StepSeat:
     """The seat of a file whose pins have a class of ISO 286 such as ``g6``; ``frame`` as for ``StepSelection``.
 
     Raises StepError where the file does not say which face and which holes are meant or contradicts itself; LimitError.
@@ -36,7 +36,7 @@ def read_drawn_seat(content: bytes, name: str, pin_class: str, frame: str | None
     return seat._replace(remarks=[*seat.remarks, *(each.removeprefix(f"{name}: ") for each in doubts)])
 
 
-def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) -> DrawnSeat:
+def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) -> StepSeat:
     """The only face with a flatness or parallelism, and two pins in the toleranced holes along its normal.
 
     The hole that comes first along the line through both (in the con axis that runs most along it) holds both ways, the
@@ -84,7 +84,7 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
     said += [f"not in the seat: {part}" for part in wrap(left, REMARK)[:MOST_REMARKS]]
     if shifting := sorted({datum for each in used for datum in each.datums if "(" in datum}):
         said.append(f"a shift of the datum {', '.join(shifting)} is not counted")
-    return DrawnSeat(_list(face.point_mm), features, said)
+    return StepSeat(_list(face.point_mm), features, said)
 
 
 def _list_holes(tolerances: Sequence[StepTolerance], seat: StepFace) -> list[tuple[StepFace, StepTolerance]]:
