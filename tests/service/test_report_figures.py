@@ -23,6 +23,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import LinearModel
+from tailstack.results import WorthyPlace
 from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.operations.layout import lay_out
@@ -148,6 +149,19 @@ def check_picture(svg: str) -> ElementTree.Element:
 
 
 # --- the scene in space ---------------------------------------------------------------------------
+
+
+def test_where_fiducials_tell_most_balls_have_their_share_as_volume() -> None:
+    """closed_form: an eighth of a fiducial is a ball of half the radius; the picture's legend says what balls are."""
+    places = (WorthyPlace((10.0, 20.0, -30.0), 1.0), WorthyPlace((-10.0, 20.0, -30.0), 0.125))
+    design = example("demo")
+    found = scene_of(design, None, design.name, places=places)
+    balls = [item for item in found.items if item.layer == "worthy"]
+    assert [ball.points[0] for ball in balls] == [place.position_mm for place in places]
+    whole, eighth = (np.linalg.norm(ball.points[1:], axis=1) for ball in balls)
+    np.testing.assert_allclose(whole, 2 * eighth)
+    assert "where fiducials tell most" in draw_scene(found)
+    assert not [item for item in scene_of(design, None, design.name).items if item.layer == "worthy"]
 
 
 def test_an_ellipsoid_holds_95_percent_of_a_gaussian() -> None:

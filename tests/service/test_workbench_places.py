@@ -128,9 +128,7 @@ def test_how_near_the_layout_is_to_the_best_follows_a_drag_without_being_asked_a
     assert bound.lower_bound_mm is not None
     least, own = bound.lower_bound_mm, Moved(DEMO).scored(list(Moved(DEMO).points.values())).verdict.checks[0].value
     words, whole = found["rest"]
-    assert words.startswith(
-        f"Within {100 * (own / least - 1):.2g} % of the best possible layout: none below 1.09 P95 below 1.09"
-    )
+    assert words.startswith(f"Within {100 * (own / least - 1):.2g} % of the best possible layout: none below 1.09")
     assert whole == bound.statement
     assert found["dragged"].startswith("Within ")
     assert found["dragged"] != words
