@@ -38,9 +38,9 @@ COUNTS = frozenset(
     {"benches", "broken", "changes_left_out", "column", "compared_cells", "compared_trials", "converged_starts",
      "count", "counts", "evaluations", "exit_code", "fiducials", "first_start", "flagged_trials",
      "installations", "kept", "line", "lost", "markers", "max", "max_trials", "min", "n", "open", "order",
-     "outside_cells", "pairs", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
+     "outside_cells", "pairs", "points", "points_per_axis", "poses", "published_trials", "refused", "rows", "scored",
      "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "trials_with_losses",
-     "trials_without_answer", "units_done", "units_expected", "workers"}
+     "trials_without_answer", "units_done", "units_expected", "within", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
     {"along", "axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "coefficient",
@@ -52,7 +52,8 @@ RATIOS = frozenset(
      "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "nu_range",
      "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
-     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "smallest_loss_probability", "snr",
+     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "share", "share_interval",
+     "smallest_loss_probability", "snr",
      "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up", "up_direction",
      "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
