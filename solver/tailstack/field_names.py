@@ -114,7 +114,7 @@ def read_name(name: str) -> NameReading:
         if len(words) > 1 and words[0] in ("mm", "cm", "um", "px", "deg", "rad", "mrad"):
             unit = read_unit(words[:1])
             del words[0]
-    stem = tuple(word for word in words if word not in _FILLERS) or tuple(words)
+    stem = tuple(word for word in words if word not in _FILLERS) or tuple(words) or ((rotation,) if rotation else ())
     if stem in ((), ("pixel",), ("pixels",)) and unit is not None and dict(unit.powers).get("length"):
         per_pixel = dict(unit.powers).get("image", 0) or "pixel" in "".join(stem)
         if per_pixel:  # of the pitch: mm, mm/px and px/mm are of one kind

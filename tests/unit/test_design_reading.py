@@ -329,6 +329,9 @@ def test_one_half_width_changes_one_line_and_its_comment_stays(path):
         if "features" in mount:
             mount["features"][0]["flatness_mm"] = 0.1237
             begins = "- { name: flange, kind: pad,"
+        elif "locators" in mount:
+            mount["locators"][0]["half_width_mm"] = 0.1237
+            begins = "half_width_mm: 0.1237"
         else:
             mount["tolerances"]["rx"]["half_width_deg"] = 0.1237
             begins = "rx: { half_width_deg: 0.1237, distribution:"

@@ -159,11 +159,16 @@ def request_name(operation: Operation) -> str:
     return component(operation.name if "/studies/" in operation.path else word.removesuffix("s")) + "Request"
 
 
+def _design_name(operation: Operation) -> str:
+    """What the example of a design alone is called: one for all, but where an operation needs more of its own."""
+    return f"{request_name(operation)}Design" if "design" in operation.example else "DesignAsYaml"
+
+
 def _body(operation: Operation) -> dict[str, Any]:
     name = request_name(operation)
     content = media_types(JSON, reference("schemas", name), name)
     if operation.yaml:
-        content |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
+        content |= media_types(YAML, reference("schemas", "Design"), _design_name(operation))
     for media in operation.body.media if operation.body is not None else ():
         sample = operation.body.samples.get(media) if operation.body is not None else None
         content |= _file(media, TABLES.get(media) if sample is None else sample.name)
@@ -410,8 +415,12 @@ def _examples() -> dict[str, Any]:
         design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
         value = {**design, **operation.example}
         made[request_name(operation)] = {"summary": operation.example_title, "value": value}
+        if operation.yaml:
+            made[_design_name(operation)] = {
+                "summary": "The design itself",
+                "value": value.get("design", EXAMPLE_DESIGN),
+            }
     bodies = [operation.body for operation in OPERATIONS.values() if operation.body is not None]
     for sample in (sample for body in bodies for sample in body.samples.values()):
         made[sample.name] = {"summary": sample.summary, "value": sample.text}
-    made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}
     return made
