@@ -7,7 +7,7 @@ import type { components } from "../../../../openapi/typescript/tailstack";
 import { gradesOf, type Line, placeOf } from "../advice";
 import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
-import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
+import { cancelGesture, comments, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
 import type { HalfWidth as Slide } from "../sample";
 import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
@@ -178,7 +178,8 @@ export function Contributors() {
             <tr><th><Term word="contributor">Contributor</Term></th><th><Term word="half-width">Half-width</Term>{allowances ? " and slack" : ""}</th><th class="number"><Term word="share">Share</Term>; ▲▼ mm</th><th class="number"><Term word="P95">P95</Term> without, mm</th></tr>
           </thead>
           {families.map((family, k) => {
-            const open = unfolded.value.get(family.key) ?? (k === 0 || allowances !== null || !family.line || rankOf(family) >= LARGE);
+            const pinned = comments.value.some(({ contributor, component }) => component !== undefined && family.parts.some(({ line }) => line?.name === contributor));
+            const open = unfolded.value.get(family.key) ?? (k === 0 || pinned || allowances !== null || !family.line || rankOf(family) >= LARGE);
             return (
               <tbody key={family.key}>
                 <Entry row={family} parts={family.parts} target={target} share={family.line || family.parts.some(({ line }) => line) ? shareOf(family) : undefined} slack={slack(family)}
