@@ -92,6 +92,9 @@ def test_a_file_of_poses_is_the_covariance_of_their_fit(tmp_path: Path) -> None:
     np.testing.assert_allclose(spread @ spread.T, fit_hand_eye(*poses).covariance, rtol=0.02, atol=1e-9)
     inline = load_design(design_to_data(design))
     assert inline.sha256 == design.sha256
+    supposed = design.with_value("/assumed", ["/execution/hand_eye/pose_pairs"])
+    assert design_to_data(supposed)["assumed"] == ["/execution/hand_eye/tolerances"]
+    assert load_design(design_to_data(supposed)).sha256 == supposed.sha256
     assert score(inline).targets[0].p95_mm == score(design).targets[0].p95_mm
     with pytest.raises(DesignError, match="covariance_deg_mm"):
         load_design(json.loads((tmp_path / "design.json").read_text()), allow_files=False)

@@ -339,6 +339,9 @@ def test_an_arm_of_a_file_is_that_of_its_matrices_and_of_its_joints_in_the_docum
     """independent: SciPy's rotations; and the same design with what was read of the file in it."""
     design = load_design(with_file(tmp_path, URDF))
     assert design.files == ["arm.urdf"]
+    supposed = design.with_value("/assumed", ["/execution/robot/urdf/file"])
+    assert design_to_data(supposed)["assumed"] == ["/execution/robot/joints"]
+    assert load_design(design_to_data(supposed)).sha256 == supposed.sha256
     robot: Any = getattr(design.document.execution, "robot")  # noqa: B009
     _, found = place_errors(robot.arm, [0.0, np.deg2rad(5), np.deg2rad(20), 30.0, 0.0])
     pose, turn, shift = np.eye(4), [0, 5, 20, 0, 0], [0, 0, 0, 30, 0]

@@ -25,7 +25,7 @@ from ..geometry.rotation import (
 )
 from ..units import LENGTHS_MM
 from .consistency import check_entries, find_duplicates
-from .document import Fiducials, Interface, Locator, LocatorFile, NamedPoint, PointFile, TargetDocument, TargetFile
+from .document import Fiducials, Locator, LocatorFile, NamedPoint, PointFile, TargetDocument, TargetFile
 from .fiducial_files import FiducialList
 from .optimise_document import SearchSurface
 from .pose import Pose
@@ -136,8 +136,8 @@ def _pairs_of(section: PointFile, pointer: str, read: FiducialList) -> list[tupl
     return pairs
 
 
-def with_locators(interface: Interface, pointer: str, files: Sequence[tuple[LocatorFile, FiducialList]]) -> Interface:
-    """An interface with the contacts that points of its files, in con, stand for.  Raises DesignError."""
+def locators_of(files: Sequence[tuple[LocatorFile, FiducialList]], pointer: str) -> list[Locator]:
+    """The six contacts that points of files in con, those of one interface, stand for.  Raises DesignError."""
     found = []
     for index, (section, read) in enumerate(files):
         law = {name: getattr(section, name) for name in section.model_fields_set - PointFile.model_fields.keys()}
@@ -149,8 +149,7 @@ def with_locators(interface: Interface, pointer: str, files: Sequence[tuple[Loca
         raise DesignError(Problem(pointer, "wrong-length", detail, "two points a contact: its place, and one along it"))
     if problems := find_duplicates([each.name for each in found], lambda _: pointer, "contacts"):
         raise DesignError(problems)
-    kept = {name: getattr(interface, name) for name in interface.model_fields_set - {"locator_files"}}
-    return Interface.model_validate({**kept, "locators": found})
+    return found
 
 
 def read_surface_of(surface: SearchSurface) -> Surface:

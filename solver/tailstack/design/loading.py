@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from ..errors import DesignError, LimitError, Problem, TailstackError
+from ..fields import Record
 from ..results.json_text import write_json
-from . import hand_eye_files, urdf_files
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import (
     SCHEMA_NAME,
     DesignDocument,
     FiducialOrigin,
-    HandEye,
     Interface,
     Interfaces,
     LocatorFile,
@@ -37,10 +35,10 @@ from .frames import (
     FileMotion,
     carry,
     compile_transform,
+    locators_of,
     motion_of,
     read_surface_of,
     targets_of,
-    with_locators,
 )
 from .optimise_document import SearchSurface, put_surface, surfaces_in
 from .pointers import find_places, pointer_of, replace_value, suggest, value_at
@@ -67,6 +65,8 @@ from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 SEAT_READER = "tailstack.integrations.step.seat"  # found by its name: it lies behind this on the way of the data
 SEAT_FILES = (".step", ".stp", ".p21")
 MOST_STEP_BYTES = 32_000_000
+
+_Filled = TypeVar("_Filled", bound=Record)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,6 +273,25 @@ def list_drawings(document: DesignDocument) -> Iterator[tuple[str, SeatDrawing]]
             yield name, interface.drawing
 
 
+def _fill_in(record: _Filled, named: str, **read: Any) -> _Filled:
+    """A record with what a file says, which was judged, in place of the field that named it."""
+    filled = record.model_copy(update={named: None, **read})
+    filled.model_fields_set.discard(named)  # nobody stated that there is none
+    return filled
+
+
+def _put(
+    document: DesignDocument, section: str, field: str, record: Record, moved: tuple[str, str] | None = None
+) -> DesignDocument:
+    """The document with another record in a section; ``moved``: what was assumed of a field of it, which named a file,
+    is assumed of the field that it was read into."""
+    changes: dict[str, Any] = {section: getattr(document, section).model_copy(update={field: record})}
+    if document.assumed and moved is not None:
+        named, into = (f"/{section}/{field}/{each}" for each in moved)
+        changes[FIELD] = [into if f"{each}/".startswith(f"{named}/") else each for each in document.assumed]
+    return document.model_copy(update=changes)
+
+
 @dataclass(frozen=True, slots=True)
 class _FileReader:
     """Reads the files that a document refers to."""
@@ -284,17 +303,18 @@ class _FileReader:
     def read(self, name: str, pointer: str) -> FiducialList:
         """The points of a file, as they stand there.  Raises DesignError, LimitError."""
         with self._placing(pointer):
-            path = self.find(name, ENDINGS, "put the points inline (points:, targets:, locators:)")
-            return read_fiducials(read_bytes(path, self.limits.fiducial_file_bytes, name), name, self.limits)
+            inline = "put the points inline (points:, targets:, locators:)"
+            content = self.read_content(name, ENDINGS, self.limits.fiducial_file_bytes, inline)
+            return read_fiducials(content, name, self.limits)
 
-    def find(self, name: str, endings: tuple[str, ...], inline: str) -> Path:
-        """A file that is there; ``inline``: what to do where none can be."""
+    def read_content(self, name: str, endings: tuple[str, ...], most_bytes: int, inline: str) -> bytes:
+        """What a file that is there holds; ``inline``: what to do where none can be."""
         path = _find_file(name, self.source, self.allow_files, inline)
         if endings == ENDINGS:
             check_ending(name)
         if not path.exists():
             raise DesignError(_describe_missing(name, path, self.source, endings))
-        return path
+        return read_bytes(path, most_bytes, name)
 
     def fiducials(self, document: DesignDocument) -> tuple[FiducialList, FileMotion | None]:
         """In con, and how those of a file were carried there."""
@@ -311,7 +331,7 @@ class _FileReader:
         """The document with targets and locators in place of files of them."""
         _, shared = self.fiducials(document)
         targets, origins = list(document.targets), []
-        contacts: dict[str, list[tuple[LocatorFile, FiducialList]]] = defaultdict(list)
+        files: dict[str, list[tuple[LocatorFile, FiducialList]]] = defaultdict(list)
         for pointer, each in document.point_files.items():
             read = self.read(each.file, f"{pointer}/file")
             with self._placing():
@@ -319,24 +339,22 @@ class _FileReader:
                 if isinstance(each, TargetFile):
                     targets += targets_of(each, pointer, read)
                 else:
-                    contacts[pointer.split("/")[2]].append((each, read))
+                    files[pointer.split("/")[2]].append((each, read))
             origins.append(read.origin)
         with self._placing():
-            held = {
-                name: with_locators(getattr(document.interfaces, name), f"/interfaces/{name}/locator_files", files)
-                for name, files in contacts.items()
-            }
-        changed = {"targets": targets, "target_files": None, "target_origins": origins}
-        interfaces = {"interfaces": document.interfaces.model_copy(update=held)} if held else {}
-        return document.model_copy(update=changed | interfaces)
+            locators = {name: locators_of(own, f"/interfaces/{name}/locator_files") for name, own in files.items()}
+        document = document.model_copy(update={"targets": targets, "target_files": None, "target_origins": origins})
+        for name, contacts in locators.items():
+            held = _fill_in(getattr(document.interfaces, name), "locator_files", locators=contacts)
+            document = _put(document, "interfaces", name, held)
+        return document
 
     def with_drawn_seats(self, document: DesignDocument) -> DesignDocument:
         """The document with the features that files of drawings state."""
-        seats: dict[str, Interface] = {}
         for name, drawing in list_drawings(document):
             with self._placing(f"/interfaces/{name}/drawing"):
-                path = self.find(drawing.file, SEAT_FILES, "state its features inline (tailstack convert does)")
-                content = read_bytes(path, MOST_STEP_BYTES, drawing.file)
+                inline = "state its features inline (tailstack convert does)"
+                content = self.read_content(drawing.file, SEAT_FILES, MOST_STEP_BYTES, inline)
                 read = import_module(SEAT_READER).read_drawn_seat(
                     content, drawing.file, drawing.pin_class, drawing.frame
                 )
@@ -348,55 +366,49 @@ class _FileReader:
                 )
                 stated = {key: value for key, value in self.source.data["interfaces"][name].items() if key != "drawing"}
                 try:
-                    seats[name] = Interface.model_validate(stated | {"features": read.features, "origin": origin})
+                    seat = Interface.model_validate(stated | {"features": read.features, "origin": origin})
                 except ValidationError as error:
                     raise refuse(error, self.source, self.limits, Interface) from None
-        if not seats:
-            return document
-        assumed = [re.sub(r"^(/interfaces/\w+)/drawing\b.*", r"\1/features", each) for each in document.assumed]
-        changes = {"interfaces": document.interfaces.model_copy(update=seats)} | ({FIELD: assumed} if assumed else {})
-        return document.model_copy(update=changes)
+            document = _put(document, "interfaces", name, seat, ("drawing", "features"))
+        return document
 
     def with_arm(self, document: DesignDocument) -> DesignDocument:
         """The document with the joints of the robot in place of a file of them."""
         robot = getattr(document.execution, "robot", None)
         if robot is None or robot.urdf is None:
             return document
+        from . import urdf_files  # late: of few designs
+
         with self._placing("/execution/robot/urdf"):
-            path = self.find(robot.urdf.file, (urdf_files.ENDING,), "put its joints into joints")
-            joints = urdf_files.read_urdf(read_bytes(path, urdf_files.MOST_BYTES, robot.urdf.file), robot.urdf)
-        read = robot.model_copy(update={"urdf": None, "joints": joints})
-        read.model_fields_set.discard("urdf")  # nobody stated that there is none
-        execution = document.execution.model_copy(update={"robot": read})
-        return document.model_copy(update={"execution": execution})
+            content = self.read_content(
+                robot.urdf.file, (urdf_files.ENDING,), urdf_files.MOST_BYTES, "put its joints into joints"
+            )
+            read = _fill_in(robot, "urdf", joints=urdf_files.read_urdf(content, robot.urdf))
+        return _put(document, "execution", "robot", read, ("urdf", "joints"))
 
     def with_pose_pairs(self, document: DesignDocument) -> DesignDocument:
         """The document with the tolerances of the hand-eye calibration in place of a file of its poses."""
         hand_eye = document.execution.hand_eye
         if hand_eye is None or hand_eye.pose_pairs is None:
             return document
+        from . import hand_eye_files  # late: of few designs
+
         with self._placing():
             to_tcp = compile_transform(document.transforms.T_tcp_flange, "/transforms/T_tcp_flange", [])
-        name = hand_eye.pose_pairs.file
+        name, inline = hand_eye.pose_pairs.file, "put their covariance into tolerances.covariance_deg_mm"
         with self._placing("/execution/hand_eye/pose_pairs"):
-            path = self.find(name, hand_eye_files.ENDINGS, "put their covariance into tolerances.covariance_deg_mm")
-            content = read_bytes(path, hand_eye_files.MOST_BYTES, name)
+            content = self.read_content(name, hand_eye_files.ENDINGS, hand_eye_files.MOST_BYTES, inline)
             pivot_mm, tolerances = hand_eye_files.read_pose_pairs(content, name, to_tcp)
-        stated = {"pivot_mm": tuple(pivot_mm.tolist()), "tolerances": tolerances}
-        read = HandEye(
-            **{name: getattr(hand_eye, name) for name in hand_eye.model_fields_set - {"pose_pairs"}} | stated
-        )
-        execution = document.execution.model_copy(update={"hand_eye": read})
-        return document.model_copy(update={"execution": execution})
+        read = _fill_in(hand_eye, "pose_pairs", pivot_mm=tuple(pivot_mm.tolist()), tolerances=tolerances)
+        return _put(document, "execution", "hand_eye", read, ("pose_pairs", "tolerances"))
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
         """A surface with what its file holds, which can be read, and has the side that is asked for."""
         name = surface.file or "the surface"
         with self._placing(f"{pointer}/file" if surface.content is None else f"{pointer}/content"):
             if surface.content is None:
-                path = self.find(name, (ENDING,), "put its bytes, in base64, into content")
-                content = pack(read_bytes(path, MOST_BYTES, name), name)
-                surface = surface.model_copy(update={"content": content})
+                content = self.read_content(name, (ENDING,), MOST_BYTES, "put its bytes, in base64, into content")
+                surface = surface.model_copy(update={"content": pack(content, name)})
             read = read_surface_of(surface)
         with self._placing():
             compile_transform(surface.T_con_file, f"{pointer}/T_con_file", [])
