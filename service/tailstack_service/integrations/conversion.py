@@ -262,9 +262,9 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     directory: what files that a design names are relative to; None: it may name none.
     """
     from tailstack.design import load_design
-    from tailstack.design.reading import DOCUMENTS
+    from tailstack.design.reading import DOCUMENTS, STEP_FILES
     from tailstack.integrations.calibration_cages import CageForm
-    from tailstack.integrations.conversion import STEP_FILES, convert
+    from tailstack.integrations.conversion import convert
     from tailstack.integrations.dicom import Shot, convert_shots, is_dicom
 
     from ..first_design import Beads, design_of_beads, design_of_shots

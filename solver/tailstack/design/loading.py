@@ -44,6 +44,8 @@ from .optimise_document import SearchSurface, put_surface, surfaces_in
 from .pointers import find_places, pointer_of, replace_value, suggest, value_at
 from .reading import (
     DEFAULT_LIMITS,
+    MOST_STEP_BYTES,
+    STEP_FILES,
     DocumentSource,
     Format,
     FrozenList,
@@ -63,9 +65,6 @@ from .refusals import pointer as write_pointer
 from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 
 SEAT_READER = "tailstack.integrations.step.seat"  # found by its name: it lies behind this on the way of the data
-SEAT_FILES = (".step", ".stp", ".p21")
-MOST_STEP_BYTES = 32_000_000
-
 _Filled = TypeVar("_Filled", bound=Record)
 
 
@@ -354,7 +353,7 @@ class _FileReader:
         for name, drawing in list_drawings(document):
             with self._placing(f"/interfaces/{name}/drawing"):
                 inline = "state its features inline (tailstack convert does)"
-                content = self.read_content(drawing.file, SEAT_FILES, MOST_STEP_BYTES, inline)
+                content = self.read_content(drawing.file, STEP_FILES, MOST_STEP_BYTES, inline)
                 read = import_module(SEAT_READER).read_drawn_seat(
                     content, drawing.file, drawing.pin_class, drawing.frame
                 )

@@ -42,6 +42,8 @@ from .numbers import plain_array
 
 Format = Literal["auto", "yaml", "json"]
 DOCUMENTS = (".yaml", ".yml", ".json")  # how files of documents end
+STEP_FILES = (".step", ".stp", ".p21")
+MOST_STEP_BYTES = 32_000_000
 
 _NESTING = frozenset({dict, list})
 

@@ -15,16 +15,14 @@ from ..design.assumed import FIELD, follow_changes
 from ..design.document import WAYS_OF_HOLDING
 from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
 from ..design.loading import Design, holds_points, load_design
-from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes
+from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, MOST_STEP_BYTES, STEP_FILES, Format, Limits, read_bytes
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
 from ..errors import DesignError, LimitError, Problem, StepError
 from .calibration_cages import CageForm, read_cage, write_cage
 from .step import StepBody, StepContact, StepSelection, StepTolerance, read_step
-from .step.part21 import MOST_BYTES
 from .step.seat import StepSeat, find_seat
 
 Base = Design | Callable[[FiducialList], Design]
-STEP_FILES = (".step", ".stp", ".p21")
 IMAGES = (".dcm", ".dicom")  # become views: dicom.py
 HEADER_BYTES = 4_000_000  # that are read of a DICOM file: headers are some kB, and pixels come last
 SEAT_HALF_WIDTH_MM = 0.02  # of a contact that a STEP file brings, which states no tolerance: a start
@@ -130,7 +128,7 @@ def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
     name = source.name.lower()
     if not name.endswith((*FORMATS, *DOCUMENTS, ".tsv", *STEP_FILES)):
         return read_bytes(source, HEADER_BYTES, str(source), whole=False)
-    return read_bytes(source, MOST_BYTES if name.endswith(STEP_FILES) else limits.document_bytes, str(source))
+    return read_bytes(source, MOST_STEP_BYTES if name.endswith(STEP_FILES) else limits.document_bytes, str(source))
 
 
 def _place_fiducials(

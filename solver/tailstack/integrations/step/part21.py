@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ...design.reading import MOST_STEP_BYTES
 from ...errors import LimitError, Problem, StepError
 
-MOST_BYTES = 32_000_000  # of a file
 MOST_INSTANCES = 1_000_000
 MOST_INSTANCE_BYTES = 2_000_000  # of one instance: a shell of a quarter of a million faces
 MOST_NESTING = 16  # of lists in an instance
@@ -97,8 +97,8 @@ class Part21:
     """
 
     def __init__(self, content: bytes, name: str, wanted: Iterable[str]) -> None:
-        if len(content) > MOST_BYTES:
-            detail = f"{name} is longer than {MOST_BYTES} bytes"
+        if len(content) > MOST_STEP_BYTES:
+            detail = f"{name} is longer than {MOST_STEP_BYTES} bytes"
             hint = "export the reference structure alone, without the rest of the assembly"
             raise LimitError(Problem("", "too-large", detail, hint, name))
         self.name, self.schemas = name, tuple[str, ...]()
