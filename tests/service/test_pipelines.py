@@ -354,7 +354,8 @@ def test_what_hangs_on_a_change_is_judged(tmp_path: Path, monkeypatch: pytest.Mo
         "k8s/policy.yaml": "kind: NetworkPolicy\n", "damaged.yaml": "schema: tailstack/desgn/1\n",
         "waivers.yaml": "# of tailstack/design/1\nschema: tailstack/waivers/1\n",
         "result.json": '{"schema": "tailstack/score/1"}', "seat.step": "ISO-10303-21;",
-        "d.yaml": "schema: tailstack/design/1\ninterfaces: { connector_flange: { drawing: { file: seat.step } } }\n",
+        "d.yaml": "schema: tailstack/design/1\nfiducials: { origin: { file: other.csv } }\n"
+        "interfaces: { connector_flange: { drawing: { file: seat.step } } }\n",
     }.items():  # fmt: skip
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(body, encoding="utf-8")

@@ -8,10 +8,9 @@ import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from tailstack.design.fiducial_files import FORMATS
-from tailstack.design.loading import read_source
+from tailstack.design.loading import list_files, read_source
 from tailstack.design.reading import DOCUMENTS
 from tailstack.errors import Problem, TailstackError
 
@@ -63,13 +62,5 @@ def _list_designs(changed: Sequence[str]) -> Iterator[tuple[str, set[Path]]]:
             with suppress(TailstackError):  # what is damaged and was not changed is not this commit's
                 data = read_source(root / name).data
                 if isinstance(data, dict) and str(data.get("schema")).startswith("tailstack/design/"):
-                    named = [file for file in _list_files(data) if isinstance(file, str) and "\0" not in file]
+                    named = [file for file in list_files(data) if "\0" not in file]
                     yield str(root / name), {resolve(str((root / name).parent / file)) for file in named}
-
-
-def _list_files(data: Any) -> Iterator[Any]:
-    """What stands in a field called file, anywhere."""
-    if isinstance(data, dict):
-        yield data.get("file")
-    for each in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
-        yield from _list_files(each)

@@ -65,6 +65,7 @@ from .refusals import pointer as write_pointer
 from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 
 SEAT_READER = "tailstack.integrations.step.seat"  # found by its name: it lies behind this on the way of the data
+_CAME_FROM = ("origin", "target_origins")  # fields that name a file which is not read again
 _Filled = TypeVar("_Filled", bound=Record)
 
 
@@ -84,15 +85,7 @@ class Design:
     @property
     def files(self) -> list[str]:
         """The files that it refers to, as it names them."""
-        written = self.as_written
-        surfaces = [each.file for each in surfaces_in(written.optimise).values() if each.content is None]
-        seats = [drawing.file for _, drawing in list_drawings(written)]
-        points = [each.file for each in written.point_files.values()]
-        robot, hand_eye = getattr(written.execution, "robot", None), written.execution.hand_eye
-        arms = [] if robot is None or robot.urdf is None else [robot.urdf.file]
-        arms += [] if hand_eye is None or hand_eye.pose_pairs is None else [hand_eye.pose_pairs.file]
-        named = [written.fiducials.file, *points, *surfaces, *seats, *arms]
-        return [name for name in dict.fromkeys(named) if name]
+        return list(dict.fromkeys(list_files(self.source.data)))
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
@@ -262,6 +255,16 @@ def _refuse_all(problems: list[Problem], source: DocumentSource, limits: Limits)
     if all(problem.code == "too-many" for problem in problems):
         raise LimitError(placed)
     raise DesignError(placed)
+
+
+def list_files(data: Any) -> Iterator[str]:
+    """The files that plain data of a design names, not those that what stands in it came from."""
+    if isinstance(data, dict):
+        if isinstance(data.get("file"), str) and data.get("content") is None:
+            yield data["file"]
+        data = [each for name, each in data.items() if name not in _CAME_FROM]
+    for each in data if isinstance(data, list) else ():
+        yield from list_files(each)
 
 
 def list_drawings(document: DesignDocument) -> Iterator[tuple[str, SeatDrawing]]:
