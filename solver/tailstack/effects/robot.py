@@ -262,14 +262,13 @@ class Screw(NamedTuple):
 
 
 def screws_of(
-    arm: Sequence[Joint], poses: tuple[Sequence[float], Sequence[float]], anew: bool
+    first: Sequence[PlacedError], second: Sequence[PlacedError], flange: Array, anew: bool
 ) -> tuple[list[Screw], Array]:
     """The screws that act on a point, in their order, and their twists (S, 6) in the flange at the imaging pose.
 
-    poses: values of the joints, rad and mm, imaging and executing; anew: whether joints have errors that the poses do
-    not share.
+    first, flange: the errors there and the pose (4, 4) of the flange, second: the errors at the executing pose; anew:
+    whether joints have errors that the poses do not share.
     """
-    (first, flange), (second, _) = (place_errors(arm, values) for values in poses)
 
     def shared(pair: tuple[PlacedError, PlacedError]) -> bool:
         return np.array_equal(pair[0].twist, pair[1].twist) and not (anew and pair[0].name == MOTION)
@@ -311,10 +310,11 @@ def _sag(robot: Robot, arm: Sequence[Joint], errors: Sequence[PlacedError], flan
 
 def _compile_arm(robot: Robot) -> _Compiled:
     arm = robot.arm
-    poses = _values(arm, robot.joints_imaging_deg), _values(arm, robot.joints_executing_deg)
-    sag = np.array([_sag(robot, arm, *place_errors(arm, values)) for values in poses])
+    first, flange = place_errors(arm, _values(arm, robot.joints_imaging_deg))
+    second, there = place_errors(arm, _values(arm, robot.joints_executing_deg))
+    sag = np.array([_sag(robot, arm, first, flange), _sag(robot, arm, second, there)])
     anew = robot.repeatability_sd_deg is not None or bool(sag.any())
-    screws, twists = screws_of(arm, poses, anew)
+    screws, twists = screws_of(first, second, flange, anew)
     return _Compiled(arm, screws, twists, sag)
 
 
