@@ -423,7 +423,7 @@ def _check(section: OfExecution, pivots_mm: Pivots) -> Iterator[Problem]:
     names = [joint.name for joint in arm]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        field = next(name for name in ("dh", "joints", "urdf") if getattr(robot, name) is not None)
+        field = "joints" if robot.dh is None else "dh"  # a file was read into joints
         yield Problem(f"{at}/{field}", "duplicate-name", f"two joints are called {twice!r}", "names are unique")
 
 

@@ -45,11 +45,6 @@ def undo(transform: Array) -> Array:
     return rigid_transform(back, -(back @ transform[..., :3, 3:])[..., 0])
 
 
-def move_by(twists: Array, point: Any) -> Any:
-    """(3, S) mm: how each of twists (S, 6) moves a point (3,), per unit."""
-    return np.cross(twists[:, :3], point).T + twists[:, 3:].T
-
-
 def move_at(twist: Array, point: Array) -> Array:
     """(..., 3) mm: how a twist (..., 6) moves a point (..., 3), per unit."""
     return np.asarray(np.cross(twist[..., :3], point) + twist[..., 3:])

@@ -13,7 +13,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ..estimation.resection import project
-from ..geometry.kinematics import carry, move_by, undo
+from ..geometry.kinematics import carry, move_at, undo
 from ..geometry.rotation import Displacement, displacement
 from ..kernels.store import kernel
 from ..system import Act, ArrayLike, Place, Reading, System, Target
@@ -208,7 +208,7 @@ def shift_together(system: System, first: Displacement, target: Target) -> tuple
             if act.place is Place.CONNECTOR:
                 behind = behind + act.by(parameters)
             elif act.place is Place.ARM:
-                behind = behind + move_by(carry(to_con, act.twists), target.position_mm) @ act.by(parameters)
+                behind = behind + move_at(carry(to_con, act.twists), target.position_mm).T @ act.by(parameters)
             for v, view in enumerate(system.views):
                 if act.view in (None, view.name):
                     of_images = shift(act, v, parameters)
