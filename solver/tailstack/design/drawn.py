@@ -45,6 +45,12 @@ def find_drawn(features: Sequence[Feature]) -> dict[str, tuple[Feature, str]]:
     }
 
 
+def _find_freed(features: Sequence[Feature], free: FreeTolerance) -> list[tuple[Feature, str]]:
+    """What is free, and what gets the same value."""
+    known = find_drawn(features)
+    return [known[name] for name in (free.component, *free.also)]
+
+
 def _grows(feature: Feature) -> bool:
     return isinstance(feature, FittedFeature) and feature.at_maximum_material
 
@@ -57,8 +63,7 @@ def redraw_data(stated: Mapping[str, Any], item: str, value: Any) -> dict[str, A
 
 def redraw(features: Sequence[Feature], free: FreeTolerance, value: Any) -> list[Feature]:
     """The features with another value of what is free.  Raises ValidationError."""
-    named = [find_drawn(features)[name] for name in (free.component, *free.also)]
-    items = {feature.name: item for feature, item in named}
+    items = {feature.name: item for feature, item in _find_freed(features, free)}
     return [
         type(each).model_validate(redraw_data(each.model_dump(exclude_unset=True), items[each.name], value))
         if each.name in items
@@ -138,14 +143,18 @@ class DrawnValues:
     @property
     def widens(self) -> bool:
         """Whether no scalar becomes narrower from a size to the next: then errors only grow."""
-        order = sorted(range(len(self.sizes)), key=self.sizes.__getitem__)
-        return bool((np.diff([self.half_widths[k] for k in order], axis=0) >= 0).all())
+        return bool((np.diff([self.half_widths[k] for k in self._order], axis=0) >= 0).all())
 
     @property
     def ratios(self) -> Array:
         """(n,) half-widths for a size of 1, between values."""
-        middle = sorted(range(len(self.sizes)), key=self.sizes.__getitem__)[len(self.sizes) // 2]
+        middle = self._order[len(self.sizes) // 2]
         return self.half_widths[middle] / self.sizes[middle]
+
+    @property
+    def _order(self) -> list[int]:
+        """The places of the sizes, the smallest first."""
+        return sorted(range(len(self.sizes)), key=self.sizes.__getitem__)
 
     def half_widths_at(self, size: float) -> Array:
         """(n,)"""
@@ -156,7 +165,7 @@ class DrawnValues:
 def read_values(features: Sequence[Feature], free: FreeTolerance) -> DrawnValues:
     """What is free of features, with a place for whatever each of the values needs."""
     each = [_items_of(features), *(_items_of(redraw(features, free, grade.drawn)) for grade in free.grades or ())]
-    named = [find_drawn(features)[name] for name in (free.component, *free.also)]
+    named = _find_freed(features, free)
     keys = [(feature.name, item) for feature, item in named]
     keys += [(feature.name, "position") for feature, item in named if item == "fit" and _grows(feature)]
     shared = {key: _share_places([items.get(key, ()) for items in each]) for key in keys}

@@ -63,5 +63,5 @@ def _find_columns(table: PeopleTable) -> list[tuple[int, float]]:
 
 def _poses_of(rows: Array) -> Array:
     """(n, 4, 4) mm of (n, 7): a place, and a quaternion."""
-    turns = [rotation_from_quaternion(row / np.linalg.norm(row)) for row in rows[:, 3:]]
+    turns = [rotation_from_quaternion(row) for row in rows[:, 3:]]
     return rigid_transform(np.array(turns).reshape(-1, 3, 3), rows[:, :3])
