@@ -36,7 +36,7 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
     """
     document = design.document if inline else design.as_written
     if inline and document.assumed:
-        moved = [re.sub(r"(/targ|/locat)(et|or)_files.*", r"\1\2s", each) for each in document.assumed]
+        moved = [re.sub(r"/(target|locator)_files.*", r"/\1s", each) for each in document.assumed]
         document = document.model_copy(update={FIELD: list(dict.fromkeys(moved))})
     if inline and document.fiducials.file is not None:
         points = [
