@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from tailstack.design import Design, load_design
 from tailstack.errors import TailstackError
-from tailstack.optimisation.worth import worthy_places
-from tailstack.results import Score
+from tailstack.results import Score, WorthyPlace
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
 from tailstack.tolerances import say_law
@@ -32,7 +31,7 @@ def layout_blocks(
     one document shows several layouts.
     """
     design, old = load_inside(now[0]), None if before is None else (load_inside(before[0]), before[1])
-    places = () if design.document.optimise is None else worthy_places(design)
+    places = _find_worthy_places(design)
     scene = scene_of(design, now[1], title, old, called, places)
     caption = f"{of}The layout in the connector frame con, mm: nominal positions"
     if scene.magnification > 0:
@@ -46,6 +45,15 @@ def layout_blocks(
         Figure(name, draw_scene(scene, name), caption, scene=scene_json(scene)),
         Figure(f"{name}-images", images, seen),
     )
+
+
+def _find_worthy_places(design: Design) -> tuple[WorthyPlace, ...]:
+    """Where fiducials tell most; none without a section optimise."""
+    if design.document.optimise is None:
+        return ()
+    from tailstack.optimisation.worth import worthy_places  # 0.2 s, of which a report without that has no use
+
+    return worthy_places(design)
 
 
 def score_if_determined(data: dict[str, object]) -> Known | None:
