@@ -199,7 +199,7 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
             else (group(alone_table(optimisation.moves), on=PAPER),)
         ),
         pivots_table(optimisation),
-        say("to be drawn", *_redrawn(optimisation)),
+        say("to be drawn", *_say_redrawn(optimisation)),
         changes_table(optimisation.tolerances),
         *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
         *(() if optimisation.aimed is None else (group(aims_table(optimisation.aimed), on=PAPER),)),
@@ -277,7 +277,7 @@ def survived_sentence(worst: SurvivedLoss) -> str:
     )
 
 
-def _redrawn(optimisation: Optimisation) -> Iterator[str]:
+def _say_redrawn(optimisation: Optimisation) -> Iterator[str]:
     """What becomes of the values of a drawing, in a line."""
     drawn = [each for each in optimisation.tolerances if each.before_drawn is not None]
     changed = [f"{each.label} {each.before_drawn} → {each.grade}" for each in drawn if each.grade != each.before_drawn]

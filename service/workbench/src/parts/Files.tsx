@@ -32,7 +32,7 @@ async function takeImages(files: File[]): Promise<void> {
   const names = files.map(({ name }) => name).join(", "), base = design.value && settled.value;
   const [content, ...more] = await Promise.all(files.map(async (file) => base64(new Uint8Array(await file.slice(0, Math.min(HEADER, HEADERS / files.length)).arrayBuffer()))));
   const called = (words: string) => files.reduce((all, { name }, k) => all.replaceAll(k ? `more.${k}.dicom` : "content.dicom", name), words);
-  const made = await converted(names, called, send("POST", "/v1/conversions", { format: "dicom", content, ...(more.length && { more }), ...(base && { base }) }));
+  const made = await convert(names, called, send("POST", "/v1/conversions", { format: "dicom", content, ...(more.length && { more }), ...(base && { base }) }));
   if (!made) return;
   if (base) edit(differences(base, parse(made.content).data), `Views of ${names}`);
   else begin(made.content, `Open ${names}`);
@@ -41,7 +41,7 @@ async function takeImages(files: File[]): Promise<void> {
 }
 
 /** What the service makes of a file; null where it refuses: that is said, unless ``asks`` has asked what was left open. */
-async function converted(name: string, called: (words: string) => string, asked: Promise<Response>, asks?: (rule: string, detail: string) => Promise<boolean>): Promise<Json> {
+async function convert(name: string, called: (words: string) => string, asked: Promise<Response>, asks?: (rule: string, detail: string) => Promise<boolean>): Promise<Json> {
   asking.value = null;
   working.value = `${name} is being read`;
   const response = await asked.catch(() => null).finally(() => (working.value = null));
@@ -105,7 +105,7 @@ export const assumes = signal(false); // a first design was made about points: w
 
 async function takePoints(file: File, format: string, more = ""): Promise<void> {
   const { name } = file;
-  const made = await converted(name, (words) => words.replaceAll(`content.${format}`, name), send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }), async (rule, detail) => {
+  const made = await convert(name, (words) => words.replaceAll(`content.${format}`, name), send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }), async (rule, detail) => {
     const headed = rule === "csv-header" ? withHeader(decode(await file.arrayBuffer()) ?? "") : null;
     if (rule === "several-diameters" && !more) {
       const diameters = [...detail.split("diameters:").pop()!.matchAll(/([\d.]+) mm/g)].map(([, value]) => Number(value)).filter((value) => value > 0);
