@@ -3,7 +3,7 @@
 // and is looked for only where that holds.
 
 import { computed, effect, signal } from "@preact/signals";
-import { current, pathOf, refused, type Score, send } from "./api";
+import { askWhenQuiet, current, pathOf, refused, type Score, send } from "./api";
 import { SEATS } from "./document";
 import { design, type Edit, gesture, type Json, type Path, pointerOf, valueAt, withEdits } from "./state";
 import { answering, known, type Known, read, shown, standing, standingOf } from "./readings";
@@ -35,8 +35,7 @@ effect(() => {
   const asked = design.value, { estimate } = known.value;
   if (!estimate || estimate.record.targets.length > MOST_TARGETS || !current.value || refused.value || gesture.value.length || (advice.peek()?.design === asked && advice.peek()?.shots === shots(known.value))) return;
   if (shown.value!.record.verdict.status !== "fail" || !standing.value.holds) return;
-  const timer = window.setTimeout(() => void look(asked, known.peek()), QUIET);
-  return () => window.clearTimeout(timer);
+  return askWhenQuiet(QUIET, () => look(asked, known.peek()));
 });
 
 export type Line = Score["targets"][number]["contributors"][number];

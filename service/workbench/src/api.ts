@@ -32,6 +32,15 @@ function withSurface(body: Json): Json {
   return held?.content && named && !named.content && named.file?.split("/").pop() === held.file ? withEdits(body, [{ path: [...path, "content"], value: held.content }]) : body;
 }
 
+/** Ask once nothing has changed for so many milliseconds.  What it returns gives that up, as an effect does at its end. */
+export function askWhenQuiet(quiet: number, ask: (left: AbortSignal) => Promise<void>): () => void {
+  const left = new AbortController(), timer = window.setTimeout(() => void ask(left.signal), quiet);
+  return () => {
+    window.clearTimeout(timer);
+    left.abort();
+  };
+}
+
 /** Ask, and know a refusal from a service that is not there.  What JSON cannot say is refused here, as the service would. */
 export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}, signal?: AbortSignal): Promise<Response> {
   const given: Record<string, string> = { ...headers };

@@ -3,7 +3,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
-import { current, refused, send } from "./api";
+import { askWhenQuiet, current, refused, send } from "./api";
 import { answering, known } from "./readings";
 import { design, gesture, type Json } from "./state";
 import { mm, sign } from "./words";
@@ -29,14 +29,11 @@ export const worthy = computed(() => found.value?.places ?? []);
 effect(() => {
   const asked = frame.value;
   if (!asked || !current.value || refused.value || gesture.value.length || answered.peek()?.frame === asked) return;
-  const left = new AbortController(), sent = design.value, timer = window.setTimeout(async () => {
-    const response = await send("POST", "/v1/validations", { design: sent, bound: true }, {}, left.signal).catch(() => null);
-    if (response && !left.signal.aborted) answered.value = { frame: asked, found: response.ok ? await response.json() : null };
-  }, QUIET);
-  return () => {
-    window.clearTimeout(timer);
-    left.abort();
-  };
+  const sent = design.value;
+  return askWhenQuiet(QUIET, async (left) => {
+    const response = await send("POST", "/v1/validations", { design: sent, bound: true }, {}, left).catch(() => null);
+    if (response && !left.aborted) answered.value = { frame: asked, found: response.ok ? await response.json() : null };
+  });
 });
 
 /** What is proven of the requirement that decides, in short and in all its words; null where nothing is. */

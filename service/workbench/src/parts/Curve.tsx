@@ -3,7 +3,7 @@
 
 import { effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { current, pathOf, refused, send } from "../api";
+import { askWhenQuiet, current, pathOf, refused, send } from "../api";
 import { answering, decimals, known, standing } from "../readings";
 import type { HalfWidth } from "../sample";
 import { cancelGesture, design, edit, gesture, type Json, type Path, pointerOf, PRESSES, preview, recall, remember, say, settled, valueAt } from "../state";
@@ -35,8 +35,7 @@ const missing = (data: Json) => [...wanted].filter(([pointer]) => lines.value.ge
 effect(() => {
   const data = design.value;
   if (asked.value < 0 || !drawn.value || !current.value || refused.value || gesture.value.length || !standing.value.holds || !missing(data).length) return;
-  const timer = window.setTimeout(() => void look(data), QUIET);
-  return () => window.clearTimeout(timer);
+  return askWhenQuiet(QUIET, () => look(data));
 });
 
 // --- curves ------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 // What each lever can reach by itself, beside the verdict: a bar a lever with the limit across, before anybody pulls.
 
 import { computed, effect, signal } from "@preact/signals";
-import { answer, current, refused, type Score, send } from "../api";
+import { answer, askWhenQuiet, current, refused, type Score, send } from "../api";
 import { answering, estimated, known, standing } from "../readings";
 import { design, gesture, type Json, opened } from "../state";
 import { mm, sign } from "../words";
@@ -24,16 +24,14 @@ effect(() => {
 effect(() => {
   const data = design.value, allowed = data?.optimise, places = allowed?.box || allowed?.region || allowed?.regions, adds = Array.isArray(allowed?.views) && allowed.views.some((each: Json) => each?.add);
   if (!(places || adds) || !current.value || refused.value || gesture.value.length || pulling.value || held.value?.design !== data || found.peek()?.design === data) return;
-  const stop = new AbortController();
-  const timer = window.setTimeout(async () => {
+  const leave = askWhenQuiet(QUIET, async (left) => {
     searching.value = true;
-    const response = await send("POST", "/v1/scores", { design: data, search: true }, {}, stop.signal).catch(() => null);
+    const response = await send("POST", "/v1/scores", { design: data, search: true }, {}, left).catch(() => null);
     if (response?.ok) found.value = { design: data, levers: ((await response.json()) as Score).levers ?? [] };
-    if (!stop.signal.aborted) searching.value = false;
-  }, QUIET);
+    if (!left.aborted) searching.value = false;
+  });
   return () => {
-    window.clearTimeout(timer);
-    stop.abort(); // the service ends it, too
+    leave(); // the service ends it, too
     searching.value = false;
   };
 });

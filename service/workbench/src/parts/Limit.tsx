@@ -5,7 +5,7 @@ import { computed, effect, signal, untracked } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { placeOf, seatsOf } from "../advice";
-import { current, late, readRefusal, refused, send, unreachable } from "../api";
+import { askWhenQuiet, current, late, readRefusal, refused, send, unreachable } from "../api";
 import { SEATS } from "../document";
 import { answering, type Check, decisive, estimated, known, standing } from "../readings";
 import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
@@ -117,15 +117,11 @@ const rested = computed(() => (rest.value && rest.value.design === settled.value
 effect(() => {
   const data = design.value, check = judged.value, stays = locked.value;
   if (!check || !current.value || refused.value || gesture.value.length || barred.value || !standing.value.holds || rested.value) return;
-  const stop = new AbortController(), timer = window.setTimeout(async () => {
-    const first = await ask(data, check.requirement, check.limit * passing(check), stays, stop.signal);
-    const again = first.found?.status === "out of reach" && first.found.least < check.limit ? await ask(data, check.requirement, aimFor(check.limit, passing(check), first.found.least), stays, stop.signal) : first;
-    if (!stop.signal.aborted) rest.value = { ...again, design: data, stays };
-  }, QUIET);
-  return () => {
-    window.clearTimeout(timer);
-    stop.abort();
-  };
+  return askWhenQuiet(QUIET, async (left) => {
+    const first = await ask(data, check.requirement, check.limit * passing(check), stays, left);
+    const again = first.found?.status === "out of reach" && first.found.least < check.limit ? await ask(data, check.requirement, aimFor(check.limit, passing(check), first.found.least), stays, left) : first;
+    if (!left.aborted) rest.value = { ...again, design: data, stays };
+  });
 });
 
 // --- the drag ----------------------------------------------------------------------------------------------------------

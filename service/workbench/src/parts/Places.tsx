@@ -4,7 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
 import { mayBound, worthy } from "../best";
-import { answer, current, layout, refused, type Score, send } from "../api";
+import { answer, askWhenQuiet, current, layout, refused, type Score, send } from "../api";
 import { add, contour, length, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
 import { estimated } from "../readings";
 import { design, gesture, type Json, recall, remember, withEdits } from "../state";
@@ -34,14 +34,10 @@ const QUIET = 600; // ms without a change, after which it is asked for
 effect(() => {
   const asked = design.value;
   if (!current.value || gesture.value.length || !light.value || !(shows("arrows") || shows("losing")) || weighed.peek()?.design === asked) return;
-  const left = new AbortController(), timer = window.setTimeout(async () => {
-    const response = await send("POST", "/v1/scores", { design: asked, losses: false, fiducials: true }, {}, left.signal).catch(() => null);
+  return askWhenQuiet(QUIET, async (left) => {
+    const response = await send("POST", "/v1/scores", { design: asked, losses: false, fiducials: true }, {}, left).catch(() => null);
     if (response?.ok) weighed.value = { design: asked, of: new Map(((await response.json()) as Score).fiducials?.map((each) => [each.fiducial, each])) };
-  }, QUIET);
-  return () => {
-    window.clearTimeout(timer);
-    left.abort();
-  };
+  });
 });
 
 const steepest = computed(() => Math.max(0, ...[...(worth.value?.values() ?? [])].map(({ slope }) => (slope ? length(slope) : 0))));
@@ -130,27 +126,23 @@ export function usePatch(plane: Plane, bead: Bead | undefined, box: Box, watched
   const rests = Boolean(near && own.fine);
   useEffect(() => {
     if (!wanted || rests) return;
-    const left = new AbortController(), timer = window.setTimeout(async () => {
-      const quick = (await ask(COARSE)) || (await ask(COARSE)); // the first may have waited until the service was warm
-      if (quick) await ask(FINE);
-      else if (!left.signal.aborted) keep((own) => own && { ...own, fine: true });
-    }, REST);
-    const ask = async (size: number): Promise<boolean> => {
+    const ask = async (size: number, left: AbortSignal): Promise<boolean> => {
       const side = 2 * REACH * box[2], step = side / (size - 1), corner: Pixel = [at[0] - side / 2, at[1] - side / 2];
       const points = Array.from({ length: size * size }, (_, k) => plane.from(bead.position, [corner[0] + step * (k % size), corner[1] + step * Math.floor(k / size)]));
       const table = Object.fromEntries([0, 1, 2].map((k) => [`/${path!.join("/")}/${k}`, points.map((p) => p[k])])), begin = performance.now();
-      const response = await send("POST", "/v1/scores/batch", { design: design.value, table, columns: [reading.decides ? "value" : "p95_mm"] }, {}, left.signal).catch(() => null);
+      const response = await send("POST", "/v1/scores/batch", { design: design.value, table, columns: [reading.decides ? "value" : "p95_mm"] }, {}, left).catch(() => null);
       if (!response?.ok) return false;
       const { columns } = (await response.json()) as { columns: Record<string, Json[]> };
       const name = reading.decides ? `value:${reading.decides.requirement}:${reading.decides.target}` : `p95_mm:${reading.target.name}`;
-      if (left.signal.aborted) return false;
+      if (left.aborted) return false;
       keep({ key, at, corner, step, size, values: columns[name], whys: points.map((p, k) => columns.reason[k] || overlapOf(bead, p)), fine: size === FINE });
       return performance.now() - begin <= QUICK;
     };
-    return () => {
-      window.clearTimeout(timer);
-      left.abort();
-    };
+    return askWhenQuiet(REST, async (left) => {
+      const quick = (await ask(COARSE, left)) || (await ask(COARSE, left)); // the first may have waited until the service was warm
+      if (quick) await ask(FINE, left);
+      else if (!left.aborted) keep((own) => own && { ...own, fine: true });
+    });
   }, [key, rests, rests ? "" : String(at)]);
   return own;
 }
