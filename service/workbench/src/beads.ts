@@ -12,18 +12,24 @@ export interface Bead {
   position: Vector;
 }
 
+/** What a point is called: by its place in the list, where it says nothing itself. */
+export const nameOf = (point: Json, index: number): Json => point?.label ?? `F${index + 1}`;
+
 export function beadsOf(data: Json): Bead[] {
   const points = data?.fiducials?.points;
   if (!Array.isArray(points)) return [];
   return points.flatMap((point: Json, index: number) => {
     const p = point?.position_mm;
     const sound = Array.isArray(p) && p.length === 3 && p.every((v: unknown) => typeof v === "number" && Number.isFinite(v));
-    return sound ? [{ index, label: String(point.label ?? `F${index + 1}`), position: p as Vector }] : [];
+    return sound ? [{ index, label: String(nameOf(point, index)), position: p as Vector }] : [];
   });
 }
 
 /** The fiducials that the page can move: those that the design lists point by point. */
 export const beads = computed<Bead[]>(() => beadsOf(design.value));
+
+/** Whether an optimisation may put beads elsewhere. */
+export const freesBeads = (asked: Json): boolean => Boolean(asked?.box || asked?.region || asked?.regions);
 
 // --- which are chosen ------------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { askWhenQuiet, current, refused, send } from "./api";
+import { freesBeads, nameOf } from "./beads";
 import { answering, known } from "./readings";
 import { design, gesture, type Json } from "./state";
 import { mm, sign } from "./words";
@@ -14,10 +15,10 @@ const QUIET = 800; // ms without a change, after which it is asked for
 /** The design without where its free beads are; empty where none is free. */
 const frame = computed(() => {
   const asked = design.value?.optimise, points: Json[] = Array.isArray(design.value?.fiducials?.points) ? design.value.fiducials.points : [];
-  if (!asked || !(asked.box || asked.region || asked.regions)) return "";
+  if (!freesBeads(asked)) return "";
   const own = Array.isArray(asked.regions) ? asked.regions.flatMap((each: Json) => each?.fiducials ?? []) : null, fixed: Json[] = Array.isArray(asked.fixed) ? asked.fixed : [];
   const isFree = (label: Json) => (own ? own.includes(label) : !fixed.includes(label));
-  const rest = points.map((point, k) => (isFree(point?.label ?? `F${k + 1}`) ? { ...point, position_mm: null } : point));
+  const rest = points.map((point, k) => (isFree(nameOf(point, k)) ? { ...point, position_mm: null } : point));
   return JSON.stringify({ ...design.value, fiducials: { ...design.value.fiducials, points: rest } });
 });
 const answered = signal<{ frame: string; found: Validation | null } | null>(null);

@@ -3,7 +3,7 @@
 import { batch, computed, effect, signal } from "@preact/signals";
 import { onSurface } from "./acts";
 import { dropped } from "./api";
-import { movingTo, rules, stopped } from "./beads";
+import { movingTo, nameOf, rules, stopped } from "./beads";
 import { add, length, type Vector } from "./geometry";
 import { breaches } from "./keeping";
 import { cast, type Mesh, meshOf, readStl, touch, type Tree, treeOf, walk } from "./mesh";
@@ -82,7 +82,7 @@ export function touching(label: string, place: Vector): Edit[] | null {
   return null;
 }
 
-const labelAt = (path: Edit["path"]) => settled.value.fiducials.points[path[2] as number].label ?? `F${(path[2] as number) + 1}`;
+const labelAt = ([, , index]: Edit["path"]) => nameOf(settled.value.fiducials.points[index], index as number);
 
 /** What is moved with a bead touches the surface, too, unless that breaks what is kept. */
 function resting(edits: Edit[], tree: Tree): Edit[] | null {

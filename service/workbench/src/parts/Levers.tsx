@@ -2,6 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { answer, askWhenQuiet, current, refused, type Score, send } from "../api";
+import { freesBeads } from "../beads";
 import { answering, estimated, known, standing } from "../readings";
 import { design, gesture, type Json, opened } from "../state";
 import { mm, sign } from "../words";
@@ -22,8 +23,8 @@ effect(() => {
   if (score?.levers?.length) held.value = { design: answer.value!.design, levers: score.levers };
 });
 effect(() => {
-  const data = design.value, allowed = data?.optimise, places = allowed?.box || allowed?.region || allowed?.regions, adds = Array.isArray(allowed?.views) && allowed.views.some((each: Json) => each?.add);
-  if (!(places || adds) || !current.value || refused.value || gesture.value.length || pulling.value || held.value?.design !== data || found.peek()?.design === data) return;
+  const data = design.value, allowed = data?.optimise, adds = Array.isArray(allowed?.views) && allowed.views.some((each: Json) => each?.add);
+  if (!(freesBeads(allowed) || adds) || !current.value || refused.value || gesture.value.length || pulling.value || held.value?.design !== data || found.peek()?.design === data) return;
   const leave = askWhenQuiet(QUIET, async (left) => {
     searching.value = true;
     const response = await send("POST", "/v1/scores", { design: data, search: true }, {}, left).catch(() => null);

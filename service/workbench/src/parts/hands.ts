@@ -2,7 +2,7 @@
 // the layout, in reports too; here is what a page does with it that changes the design.
 
 import { signal } from "@preact/signals";
-import { adding, beads, called, movingTo, pick, stopped, toggle, wrong } from "../beads";
+import { adding, beads, called, movingTo, nameOf, pick, stopped, toggle, wrong } from "../beads";
 import { seenAt, snaps, stepped, surface, touching } from "../carrier";
 import { turned } from "../arrange";
 import { SEATS } from "../document";
@@ -128,7 +128,7 @@ export function followed(scene: Scene, was: Json, now: Json): Scene {
   if (was === now) return scene;
   const moves = new Map<string, { to: Vector; words?: string }>(), key = (p: Vector) => rounded(p).join();
   const note = (from: Json, to: Json, words?: string) => isPoint(from) && isPoint(to) && key(from) !== key(to) && moves.set(key(from), { to: rounded(to), words });
-  const places = new Map<string, Vector>((was?.fiducials?.points ?? []).map((each: Json, k: number) => [each?.label ?? `F${k + 1}`, each?.position_mm]));
+  const places = new Map<string, Vector>((was?.fiducials?.points ?? []).map((each: Json, k: number) => [nameOf(each, k), each?.position_mm]));
   for (const { label, position } of beads.value) note(places.get(label), position, `fiducial ${label}: ${["x", "y", "z"].map((name, k) => `${name} ${position[k].toFixed(2)}`).join(", ")} mm`);
   for (const seat of SEATS) {
     const [old, next] = [was, now].map((data) => data?.interfaces?.[seat]);
