@@ -241,7 +241,7 @@ def test_what_mixes_two_kinds_does_not_compile(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
-# --- links, lists, tables --------------------------------------------------------------------------------------------
+# --- links, lists, tables, steps -------------------------------------------------------------------------------------
 
 REPORT = "/v1/results/ab/report?format=pdf"
 JOB: dict[str, Any] = {
@@ -253,6 +253,7 @@ JOB: dict[str, Any] = {
         ("http://host/v1/tools/", "/v1/tools/v1/jobs/1", "/v1/tools/v1/jobs/1"),
         ("http://host/tools/?x#design=1", "/version", "/tools/version"),
     ],
+    "history": [9_000_000, 9_000_000, 9_000_000, 30_000_000, 100],
     "tables": {
         "1,2,3\n4,5,6\n": [["F1", 1, 2, 3], ["F2", 4, 5, 6]],
         "A;1,5;2;3\nB;4;5;6\n": [["A", 1.5, 2, 3], ["B", 4, 5, 6]],
@@ -275,7 +276,11 @@ def made() -> dict[str, Any]:
         for value in ([], ["F1"], [{"name": "A", "limit_mm": 1}])
     ]
     job = in_node(
-        schema=schema, lists=cases, tables=list(JOB["tables"]), addresses=[case[:2] for case in JOB["addresses"]]
+        schema=schema,
+        lists=cases,
+        tables=list(JOB["tables"]),
+        addresses=[case[:2] for case in JOB["addresses"]],
+        history=JOB["history"],
     )
     return {**job, "schema": schema, "cases": cases, "of": lists}
 
@@ -308,6 +313,11 @@ def _at(schema: Any, reference: str) -> Any:
 
 def test_links_lead_to_the_service_whether_or_not_a_proxy_passes_its_path_on(made: dict[str, Any]) -> None:
     assert made["addresses"] == [f"http://host{case[2]}" for case in JOB["addresses"]]
+
+
+def test_steps_that_are_kept_have_room_together_and_the_first_and_the_last_are_among_them(made: dict[str, Any]) -> None:
+    large, larger = JOB["history"][0], JOB["history"][3]
+    assert made["history"] == [[4, large], [4, large, large], [4, large, large], [4, larger], [4, 100]]
 
 
 def test_a_table_without_a_header_is_read_once_its_unit_is_said(made: dict[str, Any]) -> None:

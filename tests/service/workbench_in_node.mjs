@@ -159,5 +159,9 @@ if (job.walks) { found.walks = []; for (const each of job.walks) found.walks.pus
 if (job.choices) found.choices = job.choices.map(({ node, path, chosen }) => Form.limitOf(node, path, chosen));
 if (job.addresses) found.addresses = job.addresses.map(([at, path]) => { globalThis.location = new URL(at); return api.addressOf(path); });
 if (job.lists) { Form.schema.value = job.schema; found.lists = job.lists.map(({ node, value }) => Form.another(node, value)); }
+if (job.history) {
+  state.open("a: 0", "Open");
+  found.history = job.history.map((length, k) => { state.commit(`a: ${k + 1} #`.padEnd(length, "#"), "Write"); return state.steps.value.map(({ text }) => text.length); });
+}
 if (job.tables) found.tables = job.tables.map((text) => { const made = Files.withHeader(text); return made && { first: made.first, labels: made.labels, mm: made.of("mm") }; });
 process.stdout.write(JSON.stringify(found), () => process.exit(0));
