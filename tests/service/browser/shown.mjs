@@ -95,8 +95,10 @@ scenarios.optimum = async () => {
   const page = await begun(await newContext());
   await strip(page).getByRole("button", { name: "Optimise this design" }).click();
   await awaitRun(page, "optimisation");
+  const taking = page.getByRole("button", { name: /Take this design/ });
+  await taking.waitFor(); // with its result, which comes after the word that it is done
   const notes = await page.locator(".run .note").allInnerTexts();
-  await page.getByRole("button", { name: /Take this design/ }).click();
+  await taking.click();
   await current(page);
   return { notes, basis: await strip(page).getAttribute("data-basis"), badge: await page.locator(".badge").innerText(), words: await strip(page).innerText() };
 };
