@@ -152,7 +152,8 @@ effect(() => {
 });
 effect(() => {
   wanted = gesture.value.length && slow ? null : design.value;
-  key.value; // with another key it is asked again, and with a file that it named
+  key.value; // with another key it is asked again, with a file that it named, and where another text of it is opened
+  opened.value;
   dropped.value;
   if (wanted) untracked(() => void follow());
 });
