@@ -234,12 +234,10 @@ def is_near_limit(
 
 def bound_yield(fraction: float) -> float:
     """Lower Clopper-Pearson limit (97.5 %) of a yield met by ``fraction`` of the units that a check draws."""
-    from scipy.special import betaincinv
-
+    from tailstack.montecarlo.estimators import bound_share
     from tailstack.verification import UNITS
 
-    met = min(round(fraction * UNITS), UNITS)
-    return float(betaincinv(met, UNITS - met + 1, 0.025)) if met > 0 else 0.0
+    return bound_share(min(round(fraction * UNITS), UNITS), UNITS, 0.025)[0]
 
 
 # --- what was not judged -----------------------------------------------------------------------------

@@ -167,10 +167,15 @@ def exceedance_estimate(
         if len(sample.tail) < n and limit_mm < sample.tail[0]:
             sample = deepen(samples, n).of(target, error)
         count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
-    alpha = 1 - confidence
-    low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
-    high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
-    return Exceedance(limit_mm, count / n, (low, high))
+    return Exceedance(limit_mm, count / n, bound_share(count, n, (1 - confidence) / 2))
+
+
+def bound_share(count: int, n: int, beyond: float) -> Interval:
+    """Of the chance of what happened ``count`` times of n, exact (Clopper and Pearson): ``beyond`` either end with that
+    probability at most."""
+    low = float(betaincinv(count, n - count + 1, beyond)) if count > 0 else 0.0
+    high = float(betaincinv(count + 1, n - count, 1 - beyond)) if count < n else 1.0
+    return low, high
 
 
 class TrialsOfError(NamedTuple):

@@ -13,13 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 from ..contributors import declared_law
 from ..design import Design, compile_design
 from ..effects.robot import errors_at
 from ..errors import Problem, StudyError
 from ..geometry.arrays import Array
+from ..montecarlo.estimators import bound_share
 from ..propagation.linear import linearise
 from ..results import Interval, Provenance
 from ..results.record import Published
@@ -131,8 +131,6 @@ def study_workspace(
             progress(min(start + BLOCK, poses), poses)
     within, worst = p95_mm[1:] <= limit_mm, int(p95_mm[1:].argmax()) + 1
     count = int(within.sum())
-    low = float(betaincinv(count, poses - count + 1, 0.025)) if count else 0.0
-    high = float(betaincinv(count + 1, poses - count, 0.975)) if count < poses else 1.0
     study = StudyWorkspace(
         schema="tailstack/study-workspace/1",
         target=aim.name,
@@ -141,7 +139,7 @@ def study_workspace(
         poses=poses,
         seed=seed,
         share=count / poses,
-        share_interval=(low, high),
+        share_interval=bound_share(count, poses, 0.025),
         median_p95_mm=float(np.median(p95_mm[1:])),
         largest_p95_mm=float(p95_mm[worst]),
         largest_at_deg=tuple(drawn[worst].tolist()),
