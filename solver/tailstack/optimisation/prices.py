@@ -66,17 +66,17 @@ def drop_dominated(grades: tuple[PricedGrade, ...]) -> tuple[PricedGrade, ...]:
     return tuple(remaining)
 
 
-def name_of(price: Price, half_width: float) -> str | None:
-    """Of the cheapest grade that holds a half-width; None: none does."""
-    held = [grade for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
-    return min(held, key=lambda grade: grade.price).name if held else None
+def grade_for(price: Price, half_width: float) -> PricedGrade | None:
+    """The cheapest that holds a half-width; None: none does."""
+    held = (grade for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9))
+    return min(held, key=lambda grade: grade.price, default=None)
 
 
 def cost_of(price: Price, half_width: float) -> float:
     """Cost of holding a half-width; inf where no grade does, or at zero on a power law."""
     if price.curve == "grades":
-        prices = [grade.price for grade in price.grades if grade.half_width <= half_width * (1 + 1e-9)]
-        return min(prices, default=inf)
+        grade = grade_for(price, half_width)
+        return inf if grade is None else grade.price
     if half_width <= 0:
         return inf if price.curve == "power" else price.weight
     return float(smooth_cost(price, log(half_width), exp))

@@ -38,7 +38,7 @@ from ..geometry.arrays import Array, frozen
 from ..measures import MEASURE, POINTS
 from ..system import ROTATIONS, TRANSLATIONS, Requirement, System, put_mounts
 from .matching import list_places, match
-from .prices import Price, PricedGrade, cost_of, name_of, of_grades, reciprocal, slope_of
+from .prices import Price, PricedGrade, cost_of, grade_for, of_grades, reciprocal, slope_of
 from .problem import (
     MOST_FIDUCIALS,
     ROUNDED,
@@ -392,7 +392,8 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
         if free.drawn is None:
             width = round_down(float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None)
             widths[free.contributor, free.component] = width
-        elif (chosen := value_named(request.section, free, name_of(free.price, float(value)))) is not None:
+        elif (bought := grade_for(free.price, float(value))) is not None:
+            chosen = value_named(request.section, free, bought.name)
             drawn |= {(free.contributor, name): chosen for name in (free.component, *free.also)}
     return revise_design(
         request.design,
@@ -409,10 +410,10 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
     )
 
 
-def value_named(section: Optimise, free: FreeHalfWidth, name: str | None) -> str | float | None:
-    """The value of a drawing that has a name; None: none has it."""
+def value_named(section: Optimise, free: FreeHalfWidth, name: str) -> str | float:
+    """The value of a drawing whose grade has a name."""
     listed = section.tolerances[int(free.pointer.rpartition("/")[2])].grades or ()
-    return next((grade.drawn for grade in listed if grade.called == name), None)
+    return next(grade.drawn for grade in listed if grade.called == name and grade.drawn is not None)
 
 
 def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:

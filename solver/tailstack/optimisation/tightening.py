@@ -22,7 +22,7 @@ from .grades import Optimum, Purchase, settle_grades
 from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
 from .present import bring_inside, merit_of, present_design
-from .prices import name_of
+from .prices import grade_for
 from .problem import Choice, PlacementProblem, Survival, present_choice, targets_of
 from .program import rename_fiducials
 from .request import OptimiseRequest, label_places, revise
@@ -146,7 +146,8 @@ def check_present(
     if request.graded:
         bought = here.choice.half_width
         each = zip(problem.half_widths, bought.tolist(), strict=True)
-        names = [name_of(free.price, width) or "" for free, width in each]
+        held = [grade_for(free.price, width) for free, width in each]
+        names = ["" if grade is None else grade.name for grade in held]
         statement = "the design as it stood is kept: no bound was sought at its layout"
         purchase = Purchase(bought, tuple(names), Relaxation("none", cost, None, None, statement))
     optimum = Optimum(problem, here.choice, cost, here.ratios, None, purchase)
