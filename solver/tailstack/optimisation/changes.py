@@ -22,13 +22,13 @@ from ..design.write import turn_entry
 from ..errors import DesignError, Problem, TailstackError
 from ..geometry.arrays import Array
 from ..geometry.camera import principal_ray
-from ..geometry.rotation import rigid_transform, unit
+from ..geometry.rotation import unit
 from ..measures import PointError
 from ..results import GlobalBound
 from ..results.verdicts import P95
 from ..system import ESTIMATORS, Requirement, Way
 from ..tail.declared import law_quantile
-from .global_bound import certify_layout, information_of, slopes_at
+from .global_bound import certify_layout, information_of, target_slopes
 from .problem import MOST_FIDUCIALS, PlacementProblem, present_choice
 from .regions import bounding_box, enlarge
 from .request import read_request, with_count
@@ -209,9 +209,7 @@ def floor_of(problem: PlacementProblem, target: str) -> float:
     """
     term = next(term for term in every_terms(problem) if term.demand.site.name == target)
     information = information_of(problem, term)
-    views = np.ones(len(information.projections), dtype=bool)
-    place = rigid_transform(np.eye(3), information.target_mm)
-    slopes = slopes_at(information, 1, place, views, np.zeros((1, 3))).moved[0]
+    slopes = target_slopes(information).moved[0]
     model, _ = linearise_demand(problem.system, term.demand)
     behind = tuple(block for block in model.blocks if block.effect.way is Way.LINK)
     law, _ = declared_law(replace(model, blocks=behind), term.demand.requirement.error, np.zeros(3))

@@ -173,12 +173,17 @@ def _bound_units(term: DemandTerms, half_width: Array, images: Array, moved: boo
 def fit_images(net: Net, term: DemandTerms, half_width: Array) -> Array:
     """(3, 3) mm^2 in the frame of the error, below what the images add at any layout: the L that the law at
     half-widths (K,) feels most."""
-    to_error, requirement, least = term.to_error, term.demand.requirement, net.metric
+    to_error, least = term.to_error, net.metric
     for _ in range(2):  # which L is best depends on the law that it makes
-        law = law_with(term, half_width, to_error @ least @ to_error.T)
-        slopes = mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
+        slopes = _slopes_by_images(term, half_width, to_error @ least @ to_error.T)
         least = fit_below(net, to_error.T @ slopes @ to_error)
     return np.asarray(to_error @ least @ to_error.T)
+
+
+def _slopes_by_images(term: DemandTerms, half_width: Array, images: Array) -> Array:
+    """(3, 3) 1/mm: how what is limited feels the covariance images (3, 3) mm^2."""
+    law, requirement = law_with(term, half_width, images), term.demand.requirement
+    return mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
 
 
 @lru_cache(maxsize=8)
@@ -193,7 +198,7 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     """How far the quantile nearest to its limit is from the best that any layout could reach at the half-widths of a
     choice, and at the smallest of those that are free; or why that is not known."""
     reasons = [why_none(problem, term) for term in terms]
-    each = [(_value_at(problem, term, choice), term) for term, no in zip(terms, reasons, strict=True) if not no]
+    each = [(value_at(problem, term, choice), term) for term, no in zip(terms, reasons, strict=True) if not no]
     value, term = max(each, key=lambda pair: pair[0] / pair[1].demand.requirement.limit, default=(inf, terms[0]))
     demand, limit = term.demand, term.demand.requirement.limit
     reached = value if isfinite(value) else None
@@ -233,7 +238,7 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     )
 
 
-def _value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
+def value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
     """mm; infinite where the layout has no answer."""
     try:
         return evaluate_demand(problem, term, choice).exact_mm
@@ -245,9 +250,8 @@ def _gap_of_images(problem: PlacementProblem, term: DemandTerms, choice: Choice)
     """How far the root mean square of what comes through the images of a layout is above the least of any, %, as what
     is limited feels it; covariances are bounded whatever the laws are."""
     images = evaluate_demand(problem, term, choice).images
-    covariance, requirement = images.noise + images.made, term.demand.requirement
-    law = law_with(term, choice.half_width, covariance)
-    felt = mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
+    covariance = images.noise + images.made
+    felt = _slopes_by_images(term, choice.half_width, covariance)
     information = information_of(problem, term, every_law=True)
     least = least_mean_square(information, cells_in(information), term.to_error.T @ felt @ term.to_error)
     return float(100 * (sqrt((felt * covariance).sum() / least) - 1))
@@ -488,6 +492,11 @@ class Cells(NamedTuple):
         """In how many cells beads are where they know most."""
         return min(self.beads.number, len(self.centres)) if self.apart else 1
 
+    @property
+    def in_each(self) -> int:
+        """How many beads are in each of these."""
+        return 1 if self.apart else self.beads.number
+
 
 def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     """The region of beads in cells of one size: those that it reaches into."""
@@ -587,7 +596,7 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
             known = known + own.most(told)
             picked = own.slopes[np.argpartition(told, -own.kept, axis=0)[-own.kept :].T]
             rows = picked.reshape(count, -1, size)
-            added += np.swapaxes(rows, 1, 2) @ rows * (1 if own.apart else own.beads.number)
+            added += np.swapaxes(rows, 1, 2) @ rows * own.in_each
         better = known < least
         best[better], least[better] = z[better], known[better]
         share = 1 / (layouts.shape[1] + 1)
@@ -621,7 +630,7 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
             told = ((own.slopes @ z.T) ** 2).sum(axis=(1, 2))
             known += float(own.most(told[:, None])[0])
             rows = own.slopes[np.argpartition(told, -own.kept)[-own.kept :]].reshape(-1, len(base))
-            added += rows.T @ rows * (1 if own.apart else own.beads.number)
+            added += rows.T @ rows * own.in_each
         if (value := float((aims.T * z).sum()) ** 2 / known) > most:
             best, most = np.asarray(z, dtype=float), value
         share = 1 / (len(layouts) + 1)
@@ -662,11 +671,16 @@ def _solve(information: Array, directions: Array) -> Array:
 
 def target_information(information: Information) -> Array:
     """F0 (D, D): of the target's images, in floats."""
-    everywhere = np.ones(len(information.projections), dtype=bool)
-    own = slopes_at(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
+    own = target_slopes(information)
     slopes = own.unknowns[0]
     slopes[:, :3] += own.moved[0]
     return np.asarray(slopes.T @ slopes)
+
+
+def target_slopes(information: Information) -> Slopes:
+    """Of the images of the target, n = 1."""
+    everywhere = np.ones(len(information.projections), dtype=bool)
+    return slopes_at(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, np.zeros((1, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

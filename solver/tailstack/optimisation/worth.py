@@ -9,18 +9,24 @@ improved (Titterington 1978).  A picture, and no proof.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
 from ..design import Design
 from ..design.loading import locate_refusals
-from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..results import WorthyPlace
 from ..scoring import vector3
-from .exact_law import evaluate_demand
-from .global_bound import Cells, Information, NoBound, cells_in, information_of, target_information, why_none
+from .global_bound import (
+    Cells,
+    Information,
+    NoBound,
+    cells_in,
+    information_of,
+    target_information,
+    value_at,
+    why_none,
+)
 from .problem import PlacementProblem, present_choice
 from .regions import bounding_box, clip
 from .request import read_request
@@ -37,12 +43,10 @@ def worthy_places(design: Design) -> tuple[WorthyPlace, ...]:
     with locate_refusals(design):
         problem = read_request(design).problem
         terms = [term for term in every_terms(problem) if not why_none(problem, term)]
+    here = present_choice(problem)
 
     def share(term: DemandTerms) -> float:
-        try:
-            return evaluate_demand(problem, term, present_choice(problem)).exact_mm / term.demand.requirement.limit
-        except IllPosedError:
-            return inf
+        return value_at(problem, term, here) / term.demand.requirement.limit
 
     try:
         return weigh_places(problem, max(terms, key=share)) if terms else ()
@@ -82,11 +86,10 @@ def mix_layouts(information: Information, groups: Sequence[Cells], aim: Array) -
         layout, knows = [], base.copy()
         for group in groups:
             values = ((group.slopes @ z) ** 2).sum(axis=(1, 2))
-            kept, each = (min(group.beads.number, len(values)), 1.0) if group.apart else (1, float(group.beads.number))
-            best = np.argsort(-values, kind="stable")[:kept]
+            best = np.argsort(-values, kind="stable")[: group.kept]
             rows = group.slopes[best].reshape(-1, information.unknowns)
-            knows += each * (rows.T @ rows)
-            layout.append(np.where(np.isin(np.arange(len(values)), best), each, 0.0))
+            knows += group.in_each * (rows.T @ rows)
+            layout.append(np.where(np.isin(np.arange(len(values)), best), float(group.in_each), 0.0))
         held.append(layout)
         known.append(knows)
         shares = np.append(shares * (1 - 1 / len(known)), 1 / len(known))
