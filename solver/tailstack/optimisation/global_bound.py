@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from ..contributors import KIND, Columns, law_of, value_of
 from ..errors import IllPosedError
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import rigid_transform, skew
 from ..results import GlobalBound
 from ..results.digits import at_most
@@ -500,8 +500,7 @@ class Cells(NamedTuple):
 
 def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     """The region of beads in cells of one size: those that it reaches into."""
-    low, high = bounding_box(beads.region)
-    middle, reach = (low + high) / 2, ((high - low) / 2 + GRID_MM) * (high > low)
+    middle, reach = _box_of(beads.region)
     wide, groups, rows = np.count_nonzero(reach), len(information.beads), 2 * beads.sees.size
     most = min(MOST_CELLS, MOST_NUMBERS / (rows * information.unknowns)) / groups
     counts, apart = np.full(3, min(WITHOUT_SPACING, int(most ** (1 / 3)))), False
@@ -512,9 +511,7 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
             counts, apart = finer, True
     counts = np.where(reach > 0, counts, 1).astype(int)
     half = reach / counts
-    axes = [half[k] * (2 * np.arange(counts[k]) + 1 - counts[k]) for k in range(3)]
-    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    centres = centres[_reaches(beads.region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)]
+    centres = (_keep_centres if isinstance(beads.region, NearSurface) else _centres_in)(beads.region, *counts.tolist())
     places = tuple(copy @ rigid_transform(np.eye(3), middle) for copy in beads.copies)
     slopes = []
     for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
@@ -523,6 +520,25 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
         root = np.linalg.cholesky(np.eye(by_made.shape[1]) + by_made @ np.swapaxes(by_made, 1, 2))
         slopes.append(np.linalg.solve(root, own.unknowns))
     return Cells(beads, places, centres, half * (1 + 1e-12), reach * (1 + 1e-12), apart, np.concatenate(slopes, axis=1))
+
+
+def _box_of(region: Shape) -> tuple[Array, Array]:
+    """(3,) the middle of the box about a region, and (3,) how far it reaches from there, 0 where it is flat."""
+    low, high = bounding_box(region)
+    return (low + high) / 2, ((high - low) / 2 + GRID_MM) * (high > low)
+
+
+def _centres_in(region: Shape, *counts: int) -> Array:
+    """(n, 3) about the middle of its box: of the cells, so many along each axis, that some of a region may be in."""
+    middle, reach = _box_of(region)
+    half = reach / counts
+    axes = [half[k] * (2 * np.arange(counts[k]) + 1 - counts[k]) for k in range(3)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return frozen(centres[_reaches(region, centres + middle, float(np.linalg.norm(half)) + GRID_MM)])
+
+
+# The distances from a surface take longer than all else of a bound, and each bound, gap and picture asks for the same
+_keep_centres = lru_cache(maxsize=4)(_centres_in)
 
 
 def cells_in(information: Information) -> tuple[Cells, ...]:

@@ -62,9 +62,10 @@ def weigh_places(problem: PlacementProblem, term: DemandTerms) -> tuple[WorthyPl
     for group, weights in zip(groups, mix_layouts(information, groups, term.to_error.T), strict=True):
         if not group.reach.any():  # a fixed fiducial
             continue
-        places = clip(group.beads.region, group.centres + bounding_box(group.beads.region).mean(axis=0))
-        for c in np.flatnonzero(weights >= LEAST):
-            found += [(float(weights[c]), at) for at in with_copies(problem, places[[c]])[0, : len(group.places)]]
+        worthy = weights >= LEAST
+        places = clip(group.beads.region, group.centres[worthy] + bounding_box(group.beads.region).mean(axis=0))
+        for weight, every in zip(weights[worthy].tolist(), with_copies(problem, places), strict=True):
+            found += [(weight, at) for at in every[: len(group.places)]]
     found.sort(key=lambda pair: -pair[0])
     return tuple(WorthyPlace(vector3(np.round(at, 3)), round(weight, 3)) for weight, at in found[:MOST])
 
