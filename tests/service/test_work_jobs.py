@@ -17,6 +17,7 @@ from family import run_python
 from optimise_documents import BOX, document
 from tailstack import TailstackError, load_design, optimise, score_batch, verify
 from tailstack.design import design_to_data
+from tailstack.errors import NotConvergedError, Problem
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import to_json
 from tailstack_service.operations.content import canonical
@@ -24,6 +25,7 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.operation import Operation
 from tailstack_service.operations.perform import perform
 from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.operations.units import optimisation as units
 from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task
 from tailstack_service.schemas import json_schema, read_record
 from tailstack_service.settings import Settings
@@ -164,6 +166,18 @@ def test_what_is_refused_in_process_is_refused_in_units(kind: str) -> None:
     assert problem["errors"][0]["detail"] == refused.value.problems[0].detail
     assert problem["errors"][0]["pointer"].startswith("/design/optimise") or kind == "verification"
     assert len(recorded) == 1 or kind == "verification"
+
+
+def test_a_bound_that_cannot_be_told_refuses_its_search_and_not_the_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in process, where the other numbers of fiducials are still tried."""
+
+    def fail(*_: object) -> float:
+        raise NotConvergedError(Problem("", "tail-not-converged", "no quantile", "report this law"))
+
+    monkeypatch.setattr(units, "enough_for", fail)
+    request = {"design": document(6, 1.0, box=BOX), "starts": 2, "gap": 0.25}
+    spec = {"what": "starts", "position": 0, "first": 0, "count": 4}
+    assert units.compute(request, spec) == units._bytes([])
 
 
 # --- sweep ----------------------------------------------------------------------------------------

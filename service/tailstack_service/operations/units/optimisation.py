@@ -178,8 +178,8 @@ def _prepare(
     """A search before its starts are solved, or its refusal: that takes a search of its own to find."""
     task = _task(design, seed, starts, gap)
     problem = task.problems[position]
-    enough = enough_for(problem, gap)
     try:
+        enough = enough_for(problem, gap)
         return prepare_search(problem, starts=task.starts, seed=task.seed, control=ONE_THREAD, enough=enough)
     except (InfeasibleError, NotConvergedError) as refused:
         return refused.with_traceback(None)  # its frames hold the programme
