@@ -9,6 +9,7 @@ import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 from xml.etree import ElementTree
@@ -22,6 +23,7 @@ from optimise_documents import document, moving
 from tailstack.design import compile_design, load_design
 from tailstack.errors import StudyError
 from tailstack.studies.linearity import study_linearity
+from tailstack.studies.placement import PlacementCase
 from tailstack.studies.views import study_views
 from tailstack_service.cli.main import main
 from tailstack_service.operations.registry import OPERATIONS
@@ -32,6 +34,7 @@ from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.report.studies.bench import comparison_document, draw_comparison
 from tailstack_service.report.studies.coupling import COMPARISONS, coupling_document, draw_coupling
 from tailstack_service.report.studies.linearity import draw_linearity, linearity_csv, linearity_document
+from tailstack_service.report.studies.placement import placement_csv
 from tailstack_service.report.studies.views import draw_views
 from tailstack_service.schemas import json_schema, record_of
 from tailstack_service.settings import Settings
@@ -223,6 +226,14 @@ def test_csv_has_a_line_for_each_point(linearity: dict) -> None:
         assert float(row["noise_px"]) == point.noise_px
         assert row["ratio"] == ("" if point.ratio is None else repr(point.ratio))
         assert (row["ratio_low"] == "") == (point.ratio_interval is None)
+
+
+def test_no_name_in_the_csv_of_placement_becomes_a_formula() -> None:
+    case = PlacementCase("fiducials", "13 fiducials", 13, "=1+1", 1.0, None, "-1 is no bound")
+    study: Any = SimpleNamespace(cases=(case,))
+    (row,) = csv.DictReader(io.StringIO(placement_csv(study)))
+    assert (row["target"], row["case"], row["reason"]) == ("'=1+1", "13 fiducials", "'-1 is no bound")
+    assert (row["value"], row["best_found_mm"], row["lower_bound_mm"]) == ("13", "1.0", "")
 
 
 def test_the_map_shows_every_cell(linearity: dict) -> None:

@@ -12,7 +12,7 @@ from tailstack.results.tables import PAPER, Column, On, Table, tabulate
 from tailstack.studies.placement import PlacementCase, StudyPlacement, cases_of
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
-from ...rendering.tables import csv_text
+from ...rendering.tables import csv_text, plain_text
 from ..page import DOTTED, titled_page
 from .study import compose_study
 
@@ -82,7 +82,8 @@ def cases_table(study: StudyPlacement) -> Table:
 def placement_csv(study: StudyPlacement) -> str:
     """One line for each case."""
     names = list(PlacementCase.__dataclass_fields__)
-    return csv_text(names, ([getattr(case, name) for name in names] for case in study.cases))
+    rows = ([getattr(case, name) for name in names] for case in study.cases)
+    return csv_text(names, ([plain_text(each) if isinstance(each, str) else each for each in row] for row in rows))
 
 
 WIDE, TALL, BETWEEN = 330, 210, 84
