@@ -19,7 +19,7 @@ from ..results import ERRORS, Provenance
 from ..results.digits import at_most, in_percent, number
 from ..results.record import Published
 from ..scoring import provenance
-from ..system import ESTIMATORS, System
+from ..system import ESTIMATORS, Estimator, System
 
 HARDLY = 0.01  # a difference of P95 that nobody need care about
 Progress = Callable[[int, int], None]
@@ -186,8 +186,7 @@ def _conclude(
 
 
 def _knows_more(name: str, system: System) -> bool:
-    traits = next(traits for estimator, traits in ESTIMATORS.items() if str(estimator) == name)
-    return bool(traits.believes) and not system.estimator.believes_intrinsics
+    return Estimator(name).believes_intrinsics and not system.estimator.believes_intrinsics
 
 
 def _most(group: Sequence[PlacementCase]) -> PlacementCase:
