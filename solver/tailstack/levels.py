@@ -36,6 +36,9 @@ class Drawn(StrEnum):
         return "installed units" if self is Drawn.UNIT else self.plural
 
 
+BETWEEN_SHOTS = [level for level in Drawn if level is not Drawn.SHOT][-1]
+"""What is held from one shot to the next, when nothing but the shot is drawn again."""
+
 RISKS = ("pooled", *(f"per_{level}" for level in Drawn if level is not Drawn.SHOT))
 
 

@@ -26,7 +26,7 @@ from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.arrays import Array
 from ..geometry.rotation import torsor_transform, transform_points
-from ..levels import Drawn
+from ..levels import BETWEEN_SHOTS
 from ..measures.measure import Site
 from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
@@ -90,7 +90,7 @@ def run_other_shots(plan: ChainPlan, seed: int, first: int, count: int) -> Array
 @lru_cache(maxsize=PLANS)
 def _columns_of_shots(plan: ChainPlan) -> NDArray[np.int64]:
     """The deviates that are drawn at each shot, not once per unit or mounting."""
-    blocks = compile_plan(plan.system, held=Drawn.MOUNTING).blocks
+    blocks = compile_plan(plan.system, held=BETWEEN_SHOTS).blocks
     return np.concatenate([np.arange(each.start, each.stop) for each in blocks if each.stream == SHOT])
 
 

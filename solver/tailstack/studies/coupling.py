@@ -24,7 +24,7 @@ from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyE
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
-from ..levels import Drawn
+from ..levels import BETWEEN_SHOTS, Drawn
 from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, compile_plan
@@ -198,7 +198,7 @@ def study_coupling(
     cases = [
         case for reading in Reading for case in list_cases(replace(system, reading=reading), nominal, levels, error)
     ]
-    at_rest = compile_plan(nominal, held=Drawn.MOUNTING)
+    at_rest = compile_plan(nominal, held=BETWEEN_SHOTS)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
@@ -250,7 +250,7 @@ def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: PointError
     norms = np.linalg.norm(evaluate(at_rest, z)[:, :, POINT_ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
         columns = columns_of(model, error)
-        quiet = law_of(np.zeros(3), columns.only(~columns.constant_in(Drawn.MOUNTING)))
+        quiet = law_of(np.zeros(3), columns.only(~columns.constant_in(BETWEEN_SHOTS)))
         ratio = take_quantile(sample, P95) / law_quantile(quiet, P95).quantile_mm
         if not 1 / FAILS < ratio < FAILS:
             return True
@@ -416,10 +416,10 @@ class _FirstOrder:
 
 def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
-    once = at.columns.constant_in(Drawn.MOUNTING)
+    once = at.columns.constant_in(BETWEEN_SHOTS)
     shot, mounted = at.columns.only(~once), at.columns.only(once & (case.level is None))
     at_rest = columns_of(still, error)
-    quiet = at_rest.only(~at_rest.constant_in(Drawn.MOUNTING))
+    quiet = at_rest.only(~at_rest.constant_in(BETWEEN_SHOTS))
     # Of a level only the interface's own displacement counts, and bounded components stand at their centres.
     mean = at.worst.mean_mm if case.level is None else model.bias_mm(error)
     zero = np.zeros(3)
