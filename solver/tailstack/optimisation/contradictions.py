@@ -5,7 +5,8 @@ impossible."""
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections.abc import Iterator
+from itertools import chain, combinations, islice
 from math import log, pi, sqrt
 
 import numpy as np
@@ -52,7 +53,7 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    problems = _statistics(problem) or _curves(problem) or _objective(problem)
+    problems = [*_statistics(problem)] or [*_curves(problem)] or [*_objective(problem)]
     count = len(problem.system.fiducial_labels)
     if problem.places and count > MOST_FIDUCIALS:
         detail = (
@@ -60,8 +61,7 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         )
         problems.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
     elif problem.places:
-        problems += _flat(problem)
-        problems += refuse_regions(problem)
+        problems += [*_flat(problem), *refuse_regions(problem)]
         believed = (error.sources.std for error in problem.system.believed_errors if error is not None)
         imaging, made = problem.estimation.imaging, problem.system.manufacturing_std_mm
         varies = imaging.estimation.noise[:, 0].any() or made.any() or any(std.any() for std in believed)
@@ -84,14 +84,14 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                 "add a box or rotation_bounds",
             )
         )
-    problems += _fixed_pairs(problem) + _ends(problem)
+    problems += [*_fixed_pairs(problem), *_ends(problem)]
     if problems:
         raise DesignError(problems)
 
 
-def _statistics(problem: PlacementProblem) -> list[Problem]:
+def _statistics(problem: PlacementProblem) -> Iterator[Problem]:
     """Requirements on what is no mean of quantiles."""
-    return [
+    yield from (
         Problem(
             f"/requirements/{index}/statistic",
             "not-optimised",
@@ -102,14 +102,14 @@ def _statistics(problem: PlacementProblem) -> list[Problem]:
         for index, item in enumerate(problem.system.requirements)
         if item.name in [asked.name for asked in problem.requirements]
         and (not item.mixture or (MEASURE[item.error].paired and not item.row.by_quantile))
-    ]
+    )
 
 
-def _flat(problem: PlacementProblem) -> list[Problem]:
+def _flat(problem: PlacementProblem) -> Iterator[Problem]:
     """Regions that leave all fiducials but one in a plane: no resection has an answer there, unless it believes
     intrinsics."""
     if problem.system.estimator.believes_intrinsics:
-        return []
+        return
     boxes = {i: corners(bounding_box(place.region)) for place in problem.places for i in place.fiducials}
     reach = [boxes.get(i, point[None]) for i, point in enumerate(problem.system.fiducials_mm)]
     for place in problem.places:
@@ -120,33 +120,29 @@ def _flat(problem: PlacementProblem) -> list[Problem]:
             continue
         off = sum(bool((np.abs((points - middle) @ axes[2]) > FLAT * max(values[0], 1.0)).any()) for points in reach)
         if off < 2:
-            return [
-                Problem(
-                    place.pointer,
-                    "flat-region",
-                    f"all fiducials{' but one' * off} would lie in one plane with normal {direction_name(axes[2])}: no "
-                    "view can tell its depth from its focal length",
-                    "give the region some thickness, or fix two or more fiducials off that plane",
-                )
-            ]
-    return []
+            yield Problem(
+                place.pointer,
+                "flat-region",
+                f"all fiducials{' but one' * off} would lie in one plane with normal {direction_name(axes[2])}: no "
+                "view can tell its depth from its focal length",
+                "give the region some thickness, or fix two or more fiducials off that plane",
+            )
+            return
 
 
-def _ends(problem: PlacementProblem) -> list[Problem]:
+def _ends(problem: PlacementProblem) -> Iterator[Problem]:
     """Bounded sources whose effect changes with the layout: the programme holds every vertex of theirs."""
     count = count_ends(problem.system)
     if count <= MOST_ENDS or not problem.moves:
-        return []
-    return [
-        Problem(
-            problem.system.shared_image_errors[0].pointer,
-            "not-optimised",
-            f"positions or pivots are free, and {count} bounded quantities move the images of all fiducials together: "
-            f"which of their 2^{count} combinations is worst changes with the layout, and {MOST_ENDS} quantities are "
-            "followed at most",
-            "give them a law (uniform, normal) for the search, then score the result with them bounded",
-        )
-    ]
+        return
+    yield Problem(
+        problem.system.shared_image_errors[0].pointer,
+        "not-optimised",
+        f"positions or pivots are free, and {count} bounded quantities move the images of all fiducials together: "
+        f"which of their 2^{count} combinations is worst changes with the layout, and {MOST_ENDS} quantities are "
+        "followed at most",
+        "give them a law (uniform, normal) for the search, then score the result with them bounded",
+    )
 
 
 def _curves(problem: PlacementProblem) -> list[Problem]:
@@ -172,33 +168,30 @@ def _curves(problem: PlacementProblem) -> list[Problem]:
     return list(problems.values())
 
 
-def _objective(problem: PlacementProblem) -> list[Problem]:
+def _objective(problem: PlacementProblem) -> Iterator[Problem]:
     """Whether the bounds of the half-widths leave the objective anything to do."""
     if problem.objective == "scaling":
-        return _scaling(problem)
+        yield from _scaling(problem)
     if problem.objective != "quantile" or not problem.half_widths:
-        return []
+        return
     least = problem.cost(problem.upper)
     enough = at_least(least * (1 + ROOM), 6)
     if problem.cost_limit is not None and problem.cost_limit < least * (1 + ROOM):
-        return [
-            Problem(
-                "/optimise/cost_limit",
-                "cost-out-of-reach",
-                f"with every free half-width at its largest the cost is {at_least(least, 6)}, the least possible; "
-                f"cost_limit is {at_most(problem.cost_limit, 6)}, which leaves nothing to choose",
-                f"raise cost_limit to {enough} or more, or allow larger half-widths",
-            )
-        ]
-    return []
+        yield Problem(
+            "/optimise/cost_limit",
+            "cost-out-of-reach",
+            f"with every free half-width at its largest the cost is {at_least(least, 6)}, the least possible; "
+            f"cost_limit is {at_most(problem.cost_limit, 6)}, which leaves nothing to choose",
+            f"raise cost_limit to {enough} or more, or allow larger half-widths",
+        )
 
 
-def _scaling(problem: PlacementProblem) -> list[Problem]:
+def _scaling(problem: PlacementProblem) -> Iterator[Problem]:
     """One factor on all half-widths as they are must exist between their bounds."""
     now = present_choice(problem).half_width
     zero = [k for k, value in enumerate(now) if not value > 0]
     if zero or not len(now):
-        return [
+        yield from (
             Problem(
                 problem.half_widths[k].pointer,
                 "zero-half-width",
@@ -206,21 +199,20 @@ def _scaling(problem: PlacementProblem) -> list[Problem]:
                 "give the half-width it is made to now, or do not free it",
             )
             for k in zero
-        ]
+        )
+        return
     smallest, largest = problem.lower / now, problem.upper / now
     tight, loose = int(np.argmax(smallest)), int(np.argmin(largest))
     if smallest[tight] <= largest[loose] * (1 + 1e-9):
-        return []
-    return [
-        Problem(
-            problem.half_widths[tight].pointer,
-            "no-common-factor",
-            f"one factor on all half-widths must be at least {smallest[tight]:.4g} for {in_words(problem, tight)} to "
-            f"reach its smallest and at most {largest[loose]:.4g} for {in_words(problem, loose)} to stay within its "
-            "largest",
-            "widen the bounds of one of the two, or set one of them free alone with objective: cost",
-        )
-    ]
+        return
+    yield Problem(
+        problem.half_widths[tight].pointer,
+        "no-common-factor",
+        f"one factor on all half-widths must be at least {smallest[tight]:.4g} for {in_words(problem, tight)} to "
+        f"reach its smallest and at most {largest[loose]:.4g} for {in_words(problem, loose)} to stay within its "
+        "largest",
+        "widen the bounds of one of the two, or set one of them free alone with objective: cost",
+    )
 
 
 def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
@@ -245,42 +237,31 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     return problems[:5]
 
 
-def refuse_regions(problem: PlacementProblem) -> list[Problem]:
+def refuse_regions(problem: PlacementProblem) -> Iterator[Problem]:
     """The first contradiction of each different region."""
     regions, which = distinct(place.region for place in problem.places)
-    problems = []
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
-        problems += (
-            _behind(problem, place)
-            or _field(problem, place)
-            or _refuse_kept_out(problem, place)
-            or _asymmetric(problem, place)
-            or _packing(problem, place)
-        )
-    return problems
+        yield from islice(chain.from_iterable(check(problem, place) for check in _OF_REGIONS), 1)
 
 
 def _word(region: Shape) -> str:
     return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball", NearSurface: "layer"}[type(region)]
 
 
-def _behind(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+def _behind(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
     """Whether the bounding box, in which the programme moves the fiducials, reaches behind a source."""
     reach = problem.estimation.assume(corners(bounding_box(place.region)))
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         depth = float((reach @ projection[2, :3] + projection[2, 3]).min())
         if depth <= 0:
-            return [
-                Problem(
-                    place.pointer,
-                    "behind-source",
-                    f"the bounding box of the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view "
-                    f"{view.name}",
-                    "make it smaller, or move the source back",
-                )
-            ]
-    return []
+            yield Problem(
+                place.pointer,
+                "behind-source",
+                f"the bounding box of the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view "
+                f"{view.name}",
+                "make it smaller, or move the source back",
+            )
 
 
 def _image_rows(problem: PlacementProblem, view: View, v: int) -> tuple[Array, Array]:
@@ -297,16 +278,15 @@ def _image_rows(problem: PlacementProblem, view: View, v: int) -> tuple[Array, A
     return np.array(rows) / scale[:, None], np.array(limits) / scale
 
 
-def _field(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+def _field(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
     """Whether any point of the bounding box lies in every image; the views one by one first."""
     sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
     parts = [_image_rows(problem, view, v) for v, view in sized]
     for (_, view), (rows, limits) in zip(sized, parts, strict=True):
         if not _meets(place.region, rows, limits):
-            return [_outside(problem, place, f"the image of view {view.name}")]
+            yield _outside(problem, place, f"the image of view {view.name}")
     if parts and not _meets(place.region, np.vstack([a for a, _ in parts]), np.concatenate([b for _, b in parts])):
-        return [_outside(problem, place, "the images of all views at once")]
-    return []
+        yield _outside(problem, place, "the images of all views at once")
 
 
 def _meets(region: Shape, rows: Array, limits: Array) -> bool:
@@ -325,28 +305,25 @@ def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Prob
     )
 
 
-def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
     """Whether no corner of the bounding box is clear of a zone, which then holds all of it: it is convex, or not asked
     about."""
     for zone in problem.keep_out:
         hollow = not isinstance(zone.shape, BoxRegion) and zone.shape.inner_radius_mm > zone.clearance_mm
         if not hollow and not clear_of(zone, corners(bounding_box(place.region))).any():
             gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
-            return [
-                Problem(
-                    place.pointer,
-                    "kept-out",
-                    f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}",
-                    f"make the zone ({zone.pointer}) smaller, or the region larger",
-                )
-            ]
-    return []
+            yield Problem(
+                place.pointer,
+                "kept-out",
+                f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}",
+                f"make the zone ({zone.pointer}) smaller, or the region larger",
+            )
 
 
-def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
     """Whether any point of the bounding box has all its copies there too."""
     if not problem.symmetry:
-        return []
+        return
     low, high = bounding_box(place.region)
     rows = np.vstack([sign * isometry.rotation for isometry in problem.symmetry for sign in (1, -1)])
     limits = np.concatenate(
@@ -357,30 +334,28 @@ def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]
         ]
     )
     if _meets(place.region, rows, limits):
-        return []
+        return
     word = _word(place.region)
-    return [
-        Problem(
-            place.pointer,
-            "outside-symmetry",
-            f"no point of the {word} has its copies under the symmetry in the {word} too",
-            f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)",
-        )
-    ]
+    yield Problem(
+        place.pointer,
+        "outside-symmetry",
+        f"no point of the {word} has its copies under the symmetry in the {word} too",
+        f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)",
+    )
 
 
-def _packing(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+def _packing(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
     """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
     share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
     region, word = place.region, _word(place.region)
     _, which = distinct(other.region for other in (place, *problem.places))
     count = sum(len(other.fiducials) for other, k in zip(problem.places, which[1:], strict=True) if k == 0)
     if count < 2:
-        return []
+        return
     d = problem.min_spacing_mm
     box = bounding_box(region)
     if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
-        return [_refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
+        yield _refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)
     assumed = problem.estimation.assume(corners(box))
     d = problem.min_projected_spacing_px
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
@@ -395,8 +370,7 @@ def _packing(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
         size = np.maximum(high - low, 0.0)
         if d > float(np.linalg.norm(size)) + 1e-6 or _too_many(count, d, size):
             where = f"what view {view.name} sees of the {word} ({size[0]:.0f} x {size[1]:.0f} px)"
-            return [_refuse_crowd("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)]
-    return []
+            yield _refuse_crowd("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)
 
 
 def _too_many(count: int, apart: float, sides: Array) -> bool:
@@ -412,3 +386,6 @@ def _refuse_crowd(pointer: str, count: int, apart: str, where: str, word: str) -
         f"{count} free fiducials cannot be {apart} apart in {where}: no packing is that dense",
         f"reduce the spacing, the number of free fiducials, or enlarge the {word}",
     )
+
+
+_OF_REGIONS = (_behind, _field, _refuse_kept_out, _asymmetric, _packing)
