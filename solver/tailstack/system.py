@@ -556,7 +556,7 @@ class System:
     manufacturing_drawn: Drawn = Drawn.UNIT
     assumed: tuple[str, ...] = ()  # pointers of values that nobody stated
     title_block: Mapping[str, Any] | None = None  # under which number it is kept, and who answers for it
-    asked: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
+    demands: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     """Names of the targets that each requirement on a measure names, by the name of the measure."""
     bodies: tuple[MeasuredBody, ...] = ()
 

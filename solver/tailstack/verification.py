@@ -350,7 +350,7 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
             confidence=ready.confidence_at_each,
             rays=rays,
         )
-        if task.precision is None or estimate.found.relative_half_width <= task.precision or 4 * rays > most:
+        if task.precision is None or estimate.quantile.relative_half_width <= task.precision or 4 * rays > most:
             return estimate
         rays *= 4
 
@@ -517,7 +517,7 @@ def _sample_radially(work: Work) -> SampledDesign:
     samples, estimates = gather_both(partial(work.simulate, trials), partial(gather, radially))
     at_each: dict[tuple[str, str, float], list[QuantileEstimate]] = {}
     for task, estimate in zip(tasks, estimates, strict=True):
-        at_each.setdefault((task.target, task.error, task.quantile), []).append(estimate.found)
+        at_each.setdefault((task.target, task.error, task.quantile), []).append(estimate.quantile)
     quantiles = {key: take_largest(several) for key, several in at_each.items()}
     reached = max(found.relative_half_width for found in quantiles.values())
     short = ""

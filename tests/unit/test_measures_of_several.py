@@ -58,7 +58,7 @@ def test_trials_of_a_random_design_by_the_plain_chain(seed: int) -> None:
     names, bone, implant = every[:3], every[:4], every[4:]
     system = replace(
         system,
-        asked={"z": (names,), "localisation_x": (names[:1],), "point_to_point": (names,)},
+        demands={"z": (names,), "localisation_x": (names[:1],), "point_to_point": (names,)},
         bodies=(MeasuredBody("bone", bone), MeasuredBody("implant", implant, bone)),
     )
     plan = compile_plan(system)
@@ -137,7 +137,7 @@ def test_first_order_is_the_slope_of_the_whole(seed: int) -> None:
     system = random_system(rng, targets=4)
     names = tuple(target.name for target in system.targets)
     bodies = MeasuredBody("all", names), MeasuredBody("some", names[1:], names[:3])
-    system = replace(system, asked={"point_to_point": (names,)}, bodies=bodies)
+    system = replace(system, demands={"point_to_point": (names,)}, bodies=bodies)
     others = (metric for metric in system.metrics if metric.measure.name != "worst_point")  # which has no slope
     bent = [metric.site for metric in others if metric.site.exact is not None]
     assert len(bent) == 6 + 4

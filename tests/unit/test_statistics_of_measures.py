@@ -47,7 +47,7 @@ def scene(rng: np.random.Generator, two_shots: bool = False, axis: str = "x") ->
     views = tuple(replace(view, image_size_px=None) for view in system.views)  # wherever the end is, it is seen
     body = MeasuredBody("body", (entry.name, end.name, side.name))
     targets = (entry, end, side)
-    return replace(system, views=views, targets=targets, structure_connector=clipped, asked=asked, bodies=(body,))
+    return replace(system, views=views, targets=targets, structure_connector=clipped, demands=asked, bodies=(body,))
 
 
 class Errors:

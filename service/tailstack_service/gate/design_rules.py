@@ -349,10 +349,10 @@ def list_tolerances(design: Design) -> list[Tolerance]:
         ]
         tolerances += [
             Tolerance(
-                f"{name}.{feature.name} {stated.name}", f"{at}/features/{k}/{stated.field}", stated.half_width, "mm"
+                f"{name}.{feature.name} {number.name}", f"{at}/features/{k}/{number.field}", number.half_width, "mm"
             )
             for k, feature in enumerate(interface.features or ())
-            for stated in feature.stated()
+            for number in feature.numbers()
         ]
     if document.execution.hand_eye is None:
         return [*tolerances, *_list_components(Tolerances(), "hand_eye", "/execution")]

@@ -126,7 +126,7 @@ def _compile(design: Design) -> System:
         bodies=tuple(
             [MeasuredBody(body.name, groups[body.name], groups.get(body.against or "", ())) for body in document.bodies]
         ),
-        asked={error: tuple(names for each, names in asked if each == error) for error, _ in asked},
+        demands={error: tuple(names for each, names in asked if each == error) for error, _ in asked},
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
         estimator=document.model.estimator,

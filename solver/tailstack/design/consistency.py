@@ -31,47 +31,46 @@ from .presets import PRESETS
 from .reading import Limits
 
 
-def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
+def check_document(document: DesignDocument, limits: Limits) -> Iterator[Problem]:
     """Everything that can be said before a fiducial file is opened."""
-    problems: list[Problem] = []
-    problems += _too_many("/views", "views", len(document.views), limits.views)
+    yield from _too_many("/views", "views", len(document.views), limits.views)
     if document.optimise is not None and document.optimise.added_view is not None:
         with_one = len(document.views) + 1
-        problems += _too_many("/optimise/views", "views with the one that may be added", with_one, limits.views)
-    problems += _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
+        yield from _too_many("/optimise/views", "views with the one that may be added", with_one, limits.views)
+    yield from _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
     left_out = () if document.fiducials.origin is None else document.fiducials.origin.left_out
-    problems += _too_many("/fiducials/origin/left_out", "points that were left out", len(left_out), limits.fiducials)
-    problems += _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
-    problems += _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
-    problems += find_duplicates([view.name for view in document.views], "/views/{}/name".format, "views")
+    yield from _too_many("/fiducials/origin/left_out", "points that were left out", len(left_out), limits.fiducials)
+    yield from _too_many("/targets", "targets", sum(map(sample_count, document.targets)), limits.targets)
+    yield from _too_many("/requirements", "requirements", len(document.requirements), limits.targets)
+    yield from find_duplicates([view.name for view in document.views], "/views/{}/name".format, "views")
     named = [target.name for target in document.targets]
-    problems += find_duplicates(named, "/targets/{}/name".format, "targets")
-    problems += _expanded_names(document.targets) + _bodies(document)
+    yield from find_duplicates(named, "/targets/{}/name".format, "targets")
+    yield from _expanded_names(document.targets) + _bodies(document)
     for index, target in enumerate(document.targets):
         if target.entry is not None:
             points = [t.name for t in document.targets if t.position_mm not in (None, target.position_mm)]
-            problems += find_unknown(f"/targets/{index}/entry", "target elsewhere", target.entry, points)
-            problems += _major_along(index, target, {t.name: t.position_mm for t in document.targets})
+            yield from find_unknown(f"/targets/{index}/entry", "target elsewhere", target.entry, points)
+            yield from _major_along(index, target, {t.name: t.position_mm for t in document.targets})
     promised = [item.name for item in document.requirements]
-    problems += find_duplicates(promised, "/requirements/{}/name".format, "requirements")
+    yield from find_duplicates(promised, "/requirements/{}/name".format, "requirements")
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
-            problems += _preset(view, f"/views/{index}")
+            yield from _preset(view, f"/views/{index}")
     for index, requirement in enumerate(document.requirements):
-        problems += find_duplicates(requirement.ids, f"/requirements/{index}/ids/{{}}".format, "ids of a requirement")
+        yield from find_duplicates(requirement.ids, f"/requirements/{index}/ids/{{}}".format, "ids of a requirement")
         if requirement.targets != "all":
             known = [*named, *(body.name for body in document.bodies)]
-            problems += check_entries(f"/requirements/{index}/targets", "target", requirement.targets, known)
+            yield from check_entries(f"/requirements/{index}/targets", "target", requirement.targets, known)
         if requirement.error == "point_to_point":
             every = requirement.targets == "all"
             sizes = [sample_count(t) for t in document.targets if every or t.name in requirement.targets]
             distances = comb(sum(sizes), 2)
-            problems += _too_many(f"/requirements/{index}/targets", "distances between them", distances, limits.targets)
-    problems += _estimator(document)
+            yield from _too_many(f"/requirements/{index}/targets", "distances between them", distances, limits.targets)
+    yield from _estimator(document)
     pivots, hosts = find_pivots(document), _hosts(document)
     checks = [(kind.check, record) for kind in EFFECTS if kind.check for record in hosts[kind.host]]
-    problems += [found for check, record in checks for found in check(record, pivots)]
-    return problems + check_optimise(document, limits.fiducials)
+    yield from (found for check, record in checks for found in check(record, pivots))
+    yield from check_optimise(document, limits.fiducials)
 
 
 def _major_along(index: int, target: TargetDocument, places: Mapping[str, Vector3 | None]) -> list[Problem]:
@@ -93,22 +92,18 @@ def find_pivots(document: DesignDocument) -> dict[str, Vector3]:
     return {name: interface.pivot_mm for name, interface in interfaces.items() if interface is not None}
 
 
-def _estimator(document: DesignDocument) -> list[Problem]:
+def _estimator(document: DesignDocument) -> Iterator[Problem]:
     """What an estimator has to be told, and the rotations that it can follow."""
     model = document.model
-    problems = []
     for index, view in enumerate(document.views):
         if model.estimator.traits.takes_prior and view.intrinsics_prior is None:
             detail = f"the estimator {model.estimator} weighs what it assumes of the intrinsics; view {view.name} does "
             cure = "intrinsics_prior: {focal_rel_sd: 0.01, principal_point_px_sd: 10}"
-            problems.append(
-                Problem(f"/views/{index}", "missing-field", f"{detail}not say how well they are known", cure)
-            )
+            yield Problem(f"/views/{index}", "missing-field", f"{detail}not say how well they are known", cure)
     if model.estimator.traits.seeks_pose and model.rotation is RotationForm.SMALL_ANGLE:
         detail = f"small_angle moves the structure by a map that is not rigid, which the estimator {model.estimator} "
         detail += "cannot follow: its intrinsics would be wrong by what the map stretches"
-        problems.append(Problem("/model/rotation", "not-rigid", detail, "rotation: full"))
-    return problems
+        yield Problem("/model/rotation", "not-rigid", detail, "rotation: full")
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
@@ -295,7 +290,7 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
         if interface is not None and interface.features is not None:
             problems += check_freed(interface.features, free, pointer, document.optimise.grade_prices)
             continue
-        if free.also or any(grade.drawn is not None for grade in free.grades or ()):
+        if free.also or any(grade.drawn_value is not None for grade in free.grades or ()):
             detail = f"{free.interface} has no features: values of a drawing say nothing of it"
             problems.append(Problem(pointer, "unused-field", detail, "give half-widths, and leave out also"))
             continue

@@ -111,13 +111,13 @@ def check_freed(
     for k, grade in enumerate(free.grades):
         at = f"{pointer}/grades/{k}"
         if price_of(feature, grade, prices) is None:
-            detail = f"{grade.called} has no price, and grade_prices say none for it"
+            detail = f"{grade.label} has no price, and grade_prices say none for it"
             yield Problem(at, "missing-field", detail, "give its price, or those of more grades in grade_prices")
         try:
-            redraw(features, free, grade.drawn)
+            redraw(features, free, grade.drawn_value)
         except ValidationError as error:
             said = error.errors()[0]
-            detail = f"{free.component} cannot be {grade.called}: {said['msg']}"
+            detail = f"{free.component} cannot be {grade.label}: {said['msg']}"
             yield Problem(at, "no-such-value", detail, str(said.get("ctx", {}).get("hint", "")))
 
 
@@ -164,7 +164,7 @@ class DrawnValues:
 
 def read_values(features: Sequence[Feature], free: FreeTolerance) -> DrawnValues:
     """What is free of features, with a place for whatever each of the values needs."""
-    each = [_items_of(features), *(_items_of(redraw(features, free, grade.drawn)) for grade in free.grades or ())]
+    each = [_items_of(features), *(_items_of(redraw(features, free, grade.drawn_value)) for grade in free.grades or ())]
     named = _find_freed(features, free)
     keys = [(feature.name, item) for feature, item in named]
     keys += [(feature.name, "position") for feature, item in named if item == "fit" and _grows(feature)]

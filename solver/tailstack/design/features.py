@@ -37,7 +37,7 @@ from math import ceil, cos, pi, sin, sqrt
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 
 from ..fields import Direction, Name, Point, Record, are_parallel, refusal
 from ..geometry.arrays import Array
@@ -52,7 +52,22 @@ ROUND = (
 _Zone = Annotated[float, Field(ge=0, le=10), SEAT_MM]
 _Size = Annotated[float, Field(gt=0, le=1e4), AnySize("of a part, as it is drawn")]
 _Deviation = Annotated[float, Field(ge=-10, le=10)]
-_Limits = Annotated[tuple[_Deviation, _Deviation], Field(strict=False), AnySize("judged with each other, as limits")]
+
+
+def _refuse_swapped(limits: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+    upper, lower = limits
+    if upper < lower:
+        detail = f"[upper, lower]: {upper:g} is below {lower:g}"
+        raise refusal("order", detail, f"{info.field_name}: [{lower:g}, {upper:g}]")
+    return limits
+
+
+_Limits = Annotated[
+    tuple[_Deviation, _Deviation],
+    Field(strict=False),
+    AfterValidator(_refuse_swapped),
+    AnySize("judged with each other, as limits"),
+]
 
 
 class Part(NamedTuple):
@@ -152,7 +167,7 @@ class _Feature(Record):
         """(m,) mm: where its contacts are in the middle of what is stated."""
         return np.zeros(len(self.contacts))
 
-    def stated(self) -> Iterator[Stated]:
+    def numbers(self) -> Iterator[Stated]:
         """Its numbers that a process holds."""
         raise NotImplementedError
 
@@ -188,7 +203,6 @@ class Pad(_Feature):
         if (self.flatness_mm is None) == (self.parallelism_mm is None):
             cure = "flatness_mm: 0.02" if self.flatness_mm is None else "leave one of them out"
             raise refusal("one-of", "give exactly one of flatness_mm and parallelism_mm", cure)
-        _ordered(self.height_mm, "height_mm")
         return self
 
     @property
@@ -215,7 +229,7 @@ class Pad(_Feature):
     def offset(self) -> Array:
         return np.full(3, 0.0 if self.height_mm is None else Deviations(*self.height_mm).middle)
 
-    def stated(self) -> Iterator[Stated]:
+    def numbers(self) -> Iterator[Stated]:
         name, t = self._zone
         yield Stated(name, f"{name}_mm", t / 2)
         if self.height_mm is not None:
@@ -263,8 +277,6 @@ class FittedFeature(_Feature):
         if (self.fit is not None) == any(sizes) or any(sizes) != all(sizes):
             cure = "leave out hole_mm and pin_mm" if self.fit is not None else "fit: H7/g6"
             raise refusal("one-of", "give fit, or hole_mm and pin_mm together", cure)
-        _ordered(self.hole_mm, "hole_mm")
-        _ordered(self.pin_mm, "pin_mm")
         try:
             hole, pin = self.limits
         except ValueError as error:
@@ -315,7 +327,7 @@ class FittedFeature(_Feature):
         """(m, 2) or (m, 1): x and y of each round place, or y alone, at the contacts."""
         raise NotImplementedError
 
-    def stated(self) -> Iterator[Stated]:
+    def numbers(self) -> Iterator[Stated]:
         hole, pin = self.limits
         yield Stated("hole", "fit" if self.fit is not None else "hole_mm", hole.width / 2)
         yield Stated("pin", "fit" if self.fit is not None else "pin_mm", pin.width / 2)
@@ -400,7 +412,7 @@ class Vee(_Feature):
     def items(self) -> Iterator[FeatureItem]:
         yield FeatureItem("profile", tuple(Part(self.distribution, self.profile_mm / 2, flank) for flank in np.eye(2)))
 
-    def stated(self) -> Iterator[Stated]:
+    def numbers(self) -> Iterator[Stated]:
         yield Stated("profile", "profile_mm", self.profile_mm / 2)
 
     @property
@@ -416,11 +428,6 @@ class RestPoint(_Feature):
         description="Deviations of its height along the normal, mm: [upper, lower].", examples=[[0.01, -0.01]]
     )
 
-    @model_validator(mode="after")
-    def _limits_in_order(self) -> Self:
-        _ordered(self.height_mm, "height_mm")
-        return self
-
     @property
     def contacts(self) -> list[tuple[Array, Array]]:
         return [(self.at(0.0, 0.0), self.frame[2])]
@@ -432,7 +439,7 @@ class RestPoint(_Feature):
     def offset(self) -> Array:
         return np.array([Deviations(*self.height_mm).middle])
 
-    def stated(self) -> Iterator[Stated]:
+    def numbers(self) -> Iterator[Stated]:
         yield Stated("height", "height_mm", Deviations(*self.height_mm).width / 2)
 
     @property
@@ -488,12 +495,6 @@ def _round_parts(law: str, reach: float, std: float, rounds: Sequence[Array]) ->
         else:
             for way in axes.T:
                 yield from (Part(each, width, way) for each, width in spread_sum(reach, std))
-
-
-def _ordered(limits: tuple[float, float] | None, field: str) -> None:
-    if limits is not None and limits[0] < limits[1]:
-        detail = f"[upper, lower]: {limits[0]:g} is below {limits[1]:g}"
-        raise refusal("order", detail, f"{field}: [{limits[1]:g}, {limits[0]:g}]", field)
 
 
 def _say(limits: Deviations) -> str:

@@ -244,23 +244,23 @@ class Grade(Record):
     )
 
     @property
-    def drawn(self) -> str | float | None:
+    def drawn_value(self) -> str | float | None:
         """The value of a drawing."""
         return self.fit if self.fit is not None else self.zone_mm
 
     @property
-    def called(self) -> str:
+    def label(self) -> str:
         """Its name, or what is drawn."""
-        return self.name or (f"{self.drawn:g}" if isinstance(self.drawn, float) else self.drawn or "")
+        return self.name or (f"{self.drawn_value:g}" if isinstance(self.drawn_value, float) else self.drawn_value or "")
 
     @model_validator(mode="after")
     def _one_value(self) -> Grade:
         fields = ("half_width_deg", "half_width_mm", "fit", "zone_mm")
         if sum(getattr(self, field) is not None for field in fields) != 1:
             raise refusal("one-of", f"give exactly one of {', '.join(fields)}")
-        if self.drawn is None and not (self.half_width_deg or self.half_width_mm):
+        if self.drawn_value is None and not (self.half_width_deg or self.half_width_mm):
             raise refusal("out-of-range", "a grade holds a half-width above zero; 0 arrived")
-        if self.drawn is None and (self.price is None or self.name is None):
+        if self.drawn_value is None and (self.price is None or self.name is None):
             raise refusal("missing-field", "a process grade has a name and a price")
         return self
 
@@ -360,14 +360,14 @@ class FreeTolerance(Record):
         if any(bound is not None for bound in bounds) or self.cost is not None:
             raise refusal("one-of", "give grades, or bounds with a cost curve; both arrived", at="grades")
         grades = self.grades or []
-        names, drawn = [grade.called for grade in grades], all(grade.drawn is not None for grade in grades)
+        names, drawn = [grade.label for grade in grades], all(grade.drawn_value is not None for grade in grades)
         for index, grade in enumerate(grades):
             if not drawn and getattr(grade, f"half_width_{unit}") is None:
                 at = f"grades/{index}"
                 raise refusal("missing-field", f"{self.component} needs half_width_{unit} in each grade", at=at)
-            if grade.called in names[:index]:
+            if grade.label in names[:index]:
                 at = f"grades/{index}{'/name' if grade.name else ''}"
-                raise refusal("duplicate-name", f"two grades are called {grade.called!r}", at=at)
+                raise refusal("duplicate-name", f"two grades are called {grade.label!r}", at=at)
 
 
 def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:

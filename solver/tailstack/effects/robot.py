@@ -270,10 +270,10 @@ def screws_of(
     whether joints have errors that the poses do not share.
     """
 
-    def shared(pair: tuple[PlacedError, PlacedError]) -> bool:
+    def are_shared(pair: tuple[PlacedError, PlacedError]) -> bool:
         return np.array_equal(pair[0].twist, pair[1].twist) and not (anew and pair[0].name == MOTION)
 
-    same = len(list(takewhile(shared, zip(first, second, strict=True))))
+    same = len(list(takewhile(are_shared, zip(first, second, strict=True))))
     screws = [*(Screw(1, each) for each in reversed(second[same:])), *(Screw(0, each) for each in first[same:])]
     twists = np.array([each.error.twist for each in screws]).reshape(-1, 6)
     return screws, frozen(carry(undo(flange), twists))

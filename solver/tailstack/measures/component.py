@@ -16,7 +16,7 @@ def along_row(name: str, row: int) -> Sites:
 
         weights = np.zeros((3, 6))
         weights[0, row] = 1.0
-        return tuple(Site(at, {at: weights}) for at in dict.fromkeys(chain.from_iterable(design.asked.get(name, ()))))
+        return tuple(Site(at, {at: weights}) for at in dict.fromkeys(chain.from_iterable(design.demands.get(name, ()))))
 
     return sites
 

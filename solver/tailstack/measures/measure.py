@@ -86,7 +86,7 @@ class Measured(Protocol):
     @property
     def T_tcp_con(self) -> Array: ...  # (4, 4) con -> tcp, mm
     @property
-    def asked(self) -> Mapping[str, Sequence[tuple[str, ...]]]: ...  # by measure: targets each requirement on it names
+    def demands(self) -> Mapping[str, Sequence[tuple[str, ...]]]: ...  # by measure: targets each requirement names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +199,7 @@ def on_each_side(base: Measure, sites_of: Callable[[str], Sites]) -> tuple[Measu
         def sites(design: Measured) -> tuple[Site, ...]:
             import numpy as np
 
-            asked, half = set(chain.from_iterable(design.asked.get(name, ()))), np.full(1, np.inf)
+            asked, half = set(chain.from_iterable(design.demands.get(name, ()))), np.full(1, np.inf)
             return tuple(
                 replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half)
                 for site in sites_of(name)(design)

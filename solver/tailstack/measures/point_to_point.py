@@ -38,7 +38,7 @@ def site_between(start: MeasuredTarget, end: MeasuredTarget, to_tcp: Array) -> S
 def sites(design: Measured) -> tuple[Site, ...]:
     """Of every two of the targets that a requirement names."""
     named = {target.name: target for target in design.targets}
-    pairs = dict.fromkeys(chain.from_iterable(combinations(each, 2) for each in design.asked.get(NAME, ())))
+    pairs = dict.fromkeys(chain.from_iterable(combinations(each, 2) for each in design.demands.get(NAME, ())))
     found = (site_between(named[start], named[end], design.T_tcp_con) for start, end in pairs)
     return tuple(site for site in found if site is not None)
 

@@ -75,7 +75,7 @@ class RadialEstimate(NamedTuple):
     evaluations: int  # of the full chain
 
     @property
-    def found(self) -> QuantileEstimate:
+    def quantile(self) -> QuantileEstimate:
         """The quantile with its interval."""
         return QuantileEstimate(self.value_mm, self.interval_mm)
 

@@ -247,7 +247,7 @@ def _read_drawn(
     values = read_values(features, free)
     price = of_grades(
         tuple(
-            PricedGrade(grade.called, size, price_of(feature, grade, prices) or 0.0)
+            PricedGrade(grade.label, size, price_of(feature, grade, prices) or 0.0)
             for grade, size in zip(free.grades or (), values.sizes[1:], strict=True)
         )
     )
@@ -274,7 +274,7 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     native = radians if free.unit == "deg" else float
     if free.grades is not None:
         grades = tuple(
-            PricedGrade(grade.called, native(getattr(grade, f"half_width_{free.unit}")), grade.price or 0.0)
+            PricedGrade(grade.label, native(getattr(grade, f"half_width_{free.unit}")), grade.price or 0.0)
             for grade in free.grades
         )
         price = of_grades(grades)
@@ -413,7 +413,7 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
 def value_named(section: Optimise, free: FreeHalfWidth, name: str) -> str | float:
     """The value of a drawing whose grade has a name."""
     listed = section.tolerances[int(free.pointer.rpartition("/")[2])].grades or ()
-    return next(grade.drawn for grade in listed if grade.called == name and grade.drawn is not None)
+    return next(grade.drawn_value for grade in listed if grade.label == name and grade.drawn_value is not None)
 
 
 def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:

@@ -140,7 +140,7 @@ def _seat(name: str, seat: Interface) -> DrawnSeat:
         DrawnTolerance(f"{feature.name} {each.name}", each.half_width, "mm", str(feature.distribution), None,
                        feature.position_mm, feature.normal)
         for feature in seat.features or ()
-        for each in feature.stated()
+        for each in feature.numbers()
     ]  # fmt: skip
     joined = seat.tolerances is not None and bool(seat.tolerances.correlation or seat.tolerances.covariance_deg_mm)
     return DrawnSeat(name, seat.label, seat.pivot_mm, tuple(drawn), joined)
