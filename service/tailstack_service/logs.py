@@ -36,7 +36,8 @@ class TextFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         parts = [moment(record.created), record.levelname, record.name]
         parts += [f"{name}={_word(value)}" for name, value in fields_of(record).items()]
-        line = " ".join([*parts, _one_line(record.getMessage())])
+        # A request cannot forge a second line
+        line = " ".join([*parts, record.getMessage().replace("\r", "\\r").replace("\n", "\\n")])
         return line + ("\n" + self.formatException(record.exc_info) if record.exc_info else "")
 
 
@@ -76,8 +77,3 @@ def _word(value: Any) -> str:
         return f"{value:.1f}"
     text = str(value)
     return text if _PLAIN.fullmatch(text) else repr(text)
-
-
-def _one_line(text: str) -> str:
-    """A request cannot forge a second line."""
-    return text.replace("\r", "\\r").replace("\n", "\\n")

@@ -364,13 +364,13 @@ class CsvWriter(Writer):
         if not self.count:
             lines.writerow(self.header)
         if self.decimal != ".":
-            columns = [[self._localise(cell) for cell in column] for column in columns]
+            columns = [
+                [(repr(cell).replace(".", self.decimal) if isinstance(cell, float) else cell) for cell in column]
+                for column in columns
+            ]
         lines.writerows(zip(*columns, strict=True))
         self.count += len(columns[0])
         self.stream.write(text.getvalue().encode())
-
-    def _localise(self, cell: Any) -> Any:
-        return repr(cell).replace(".", self.decimal) if isinstance(cell, float) else cell
 
     def close(self) -> None:
         if not self.count:

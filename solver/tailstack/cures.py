@@ -38,16 +38,14 @@ _LARGEST_PERCENT = 100.0
 _LONGEST_SLIP = 60  # characters; what is longer is no number that somebody typed
 
 
-def find_nearest(name: str, known: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
-    """Names that ``name`` may be a slip of, the nearest first.  Case, spaces, hyphens and underlines do not count."""
+def find_nearest(name: str, known: Iterable[str]) -> list[str]:
+    """The name that ``name`` may be a slip of, if one is.  Case, spaces, hyphens and underlines do not count."""
     names: dict[str, str] = {}
     for each in known:
         names.setdefault(_plain(each), each)
-    meant = {word: name for word, name in _SYNONYMS.items() if name in names.values() and word not in names}
-    names |= meant
+    names |= {word: name for word, name in _SYNONYMS.items() if name in names.values() and word not in names}
     plain = _plain(name)
-    close = get_close_matches(plain, names, count, cutoff)
-    return list(dict.fromkeys(names[each] for each in ([plain, *close] if plain in names else close)))[:count]
+    return [names[each] for each in ([plain] if plain in names else get_close_matches(plain, names, 1))]
 
 
 def _plain(name: str) -> str:

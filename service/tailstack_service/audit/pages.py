@@ -96,7 +96,10 @@ def _cells(content: bytes, fresh: bytes, file: str) -> AuditCheck:
 
 def _streams(content: bytes, fresh: bytes, file: str) -> AuditCheck:
     there, here = (_unpacked_streams(document) for document in (content, fresh))
-    made = [_first(_PRODUCER, document, streams) for document, streams in ((content, there), (fresh, here))]
+    made = [
+        next((match.decode("latin-1") for match in _all(_PRODUCER, document, streams)), "")
+        for document, streams in ((content, there), (fresh, here))
+    ]
     if made[0] != made[1]:
         words = f"drawn by {made[0] or 'an unknown program'}, here is {made[1]}: the same version is needed"
         return AuditCheck("pages", NOT_COMPARED, words)
@@ -127,7 +130,3 @@ def _unpacked_streams(document: bytes) -> list[bytes]:
 
 def _all(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> list[bytes]:
     return [match for text in (document, *streams) for match in pattern.findall(text)]
-
-
-def _first(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> str:
-    return next((match.decode("latin-1") for match in _all(pattern, document, streams)), "")

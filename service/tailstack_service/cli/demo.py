@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import groupby
 from math import dist
@@ -161,30 +161,26 @@ def summary_text(before: Verification, after: Verification, result: Optimisation
     return "\n".join([*lines, *_change_lines(result)]) + "\n"
 
 
-def _change_lines(result: Optimisation) -> list[str]:
+def _change_lines(result: Optimisation) -> Iterator[str]:
     """What the optimiser changed: how many fiducials and how far, each interface's half-widths, the cost."""
     pairs = [(e.before_mm, e.after_mm) for e in result.moved if e.before_mm and e.after_mm]
     distances = [distance for distance in (dist(*pair) for pair in pairs) if distance]
-    lines = []
     if distances:
         line = f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm"
         if result.cost_before and result.moves is not None and result.moves.objective_left is not None:
             line += f"; cost of that: {percent_change(result.moves.objective_left, result.moves.objective_moved)}"
-        lines.append(line)
+        yield line
     for _, group in groupby(result.tolerances, lambda tolerance: tolerance.contributor):
         tolerances = tuple(group)
         name = tolerances[0].label.removesuffix(f" {tolerances[0].component}")
-        lines.append(wrap(f"half-widths of {visible(name)}:", first="  ", indent="    "))
+        yield wrap(f"half-widths of {visible(name)}:", first="  ", indent="    ")
         changes: dict[str, list[str]] = {}
         for tolerance in tolerances:
             unit = "°" if tolerance.unit == "deg" else f" {tolerance.unit}"
             change = f"±{tolerance.before_half_width:.2g} -> ±{tolerance.after_half_width:.2g}{unit}"
             changes.setdefault(change, []).append(tolerance.component)
         words = ", ".join(f"{' '.join(components)} {change}" for change, components in changes.items())
-        lines.append(wrap(words, first="    ", indent="    "))
+        yield wrap(words, first="    ", indent="    ")
     if result.cost_before and result.cost_after is not None:
         costs = f"{number(result.cost_before)} -> {number(result.cost_after)}"
-        lines.append(
-            f"  cost of these tolerances: {costs} ({100 * (result.cost_after / result.cost_before - 1):+.0f} %)"
-        )
-    return lines
+        yield f"  cost of these tolerances: {costs} ({100 * (result.cost_after / result.cost_before - 1):+.0f} %)"

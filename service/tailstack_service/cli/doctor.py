@@ -52,10 +52,6 @@ class Ailment(Exception):
     """What is wrong with this installation, in words, and what helps."""
 
 
-def _python() -> str:
-    return f"{platform.python_version()}, {sys.executable}"
-
-
 def _versions() -> str:
     from importlib.metadata import PackageNotFoundError, version
 
@@ -205,7 +201,7 @@ def _port() -> str:
 
 
 CHECKS: dict[str, Callable[[], str]] = {
-    "python": _python,
+    "python": lambda: f"{platform.python_version()}, {sys.executable}",
     "versions": _versions,
     "extras": _extras,
     "processor": _processor,

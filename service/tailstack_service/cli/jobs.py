@@ -89,14 +89,6 @@ def _path(arguments: argparse.Namespace) -> str:
     return "/v1/jobs/" + quote(arguments.id, safe="")
 
 
-def _show(service: RemoteService, arguments: argparse.Namespace) -> Answer:
-    return _record(service.ask_record("GET", _path(arguments)), arguments)
-
-
-def _cancel(service: RemoteService, arguments: argparse.Namespace) -> Answer:
-    return _record(service.ask_record("POST", _path(arguments) + "/cancel"), arguments)
-
-
 def _follow(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when the job has succeeded, that of its problem when it failed, 3 when it was cancelled."""
     from ..console.remote import EXIT_CODE
@@ -121,7 +113,7 @@ def _follow(service: RemoteService, arguments: argparse.Namespace) -> Answer:
 
 ACTIONS: dict[str, Callable[[RemoteService, argparse.Namespace], Answer]] = {
     "list": _list,
-    "show": _show,
+    "show": lambda service, arguments: _record(service.ask_record("GET", _path(arguments)), arguments),
     "follow": _follow,
-    "cancel": _cancel,
+    "cancel": lambda service, arguments: _record(service.ask_record("POST", _path(arguments) + "/cancel"), arguments),
 }

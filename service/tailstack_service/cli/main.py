@@ -45,13 +45,13 @@ def verbs() -> tuple[str, ...]:
     return (*FIRST, *of_operations, *LAST)
 
 
-def build_parser(verb: str | None = None, name: str | None = None) -> argparse.ArgumentParser:
-    """Parser of one verb, or of all, of a command of that name (as it was called).
+def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """Parser of one verb, or of all.
 
     Importing a verb is cheap: it loads numpy and the rest when it runs.
     """
     parser = Parser(
-        prog=name or program(),
+        prog=program(),
         description="Tolerance stack-up of X-ray reference structures: where the tool ends up, and what to change.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from shlex import quote
 
@@ -53,13 +53,11 @@ def problem_text(problem: Problem) -> str:
     return text + (f"\n  hint: {spell_commands(problem.hint)}" if problem.hint else "")
 
 
-def problems_text(problems: Sequence[Problem]) -> list[str]:
+def problems_text(problems: Sequence[Problem]) -> Iterator[str]:
     """Problems one after the other; three and more that say the same of several places are one, with their places."""
-    texts = []
     for first, *others in group_alike(problems, lambda p: (p.file, p.code, name_rule(p.detail), name_field(p.pointer))):
         more = f"\n  {list_others([p.line for p in others], [p.pointer for p in others])}" if others else ""
-        texts.append(problem_text(first) + more)
-    return texts
+        yield problem_text(first) + more
 
 
 def name_stdin(problems: tuple[Problem, ...], file: str | None) -> tuple[Problem, ...]:

@@ -107,9 +107,9 @@ class RemoteService:
             raise read_refusal(answer.status_code, answer.content)
         return answer
 
-    def ask_record(self, method: str, path: str, data: Any = None) -> dict[str, Any]:
+    def ask_record(self, method: str, path: str) -> dict[str, Any]:
         """The record that answers a request.  Raises what ``ask`` raises, also for an answer that is none."""
-        return read_record(self.ask(method, path, data))
+        return read_record(self.ask(method, path))
 
     @contextmanager
     def _answer(

@@ -510,10 +510,6 @@ def render_reqif(record: GateRecord) -> str:
 # --- all ----------------------------------------------------------------------------------------------
 
 
-def _render_json(record: GateRecord) -> str:
-    return to_json(record).decode() + "\n"
-
-
 def _render_baseline(record: GateRecord) -> str:
     """The same record with a line for each field, so that a reviewer sees what changed in the one that is kept."""
     return write_json(plain(record), indent=2) + "\n"
@@ -521,7 +517,7 @@ def _render_baseline(record: GateRecord) -> str:
 
 FORMATS: dict[str, Callable[[GateRecord], str]] = {
     "text": render_text,
-    "json": _render_json,
+    "json": lambda record: to_json(record).decode() + "\n",
     "baseline": _render_baseline,
     "markdown": render_markdown,
     "sarif": render_sarif,

@@ -85,12 +85,12 @@ def admit_gate(
     return AdmittedGate({**complete, "seed": gate.seed}, gate)
 
 
-def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
+def read_gate(data: dict[str, Any]) -> Gate:
     """The gate that an admitted request describes; a design that cannot be read is kept as its refusal.
 
     Raises RequestError, GateError.
     """
-    return _make_gate(_read_request(data, limits), limits)
+    return _make_gate(_read_request(data, WIDEST_LIMITS), WIDEST_LIMITS)
 
 
 def _make_gate(request: GateRequest, limits: Limits) -> Gate:

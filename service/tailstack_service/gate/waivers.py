@@ -117,7 +117,7 @@ def read_waivers(given: Given, today: date, *, prefix: str = "") -> GateWaivers:
     return GateWaivers(source, source.file or "waivers", hash_content(content), tuple(document.waivers), today)
 
 
-def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
+def _check_waiver(waiver: Waiver, index: int, today: date) -> Iterator[Problem]:
     """What the schema cannot say of a waiver."""
     at = f"/waivers/{index}"
     rule = RULES.get(waiver.rule)
@@ -125,20 +125,19 @@ def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:
         known = [name for name, entry in RULES.items() if entry.worse != "fixed"]
         detail = f"no rule is called {show(waiver.rule)}" if rule is None else f"{waiver.rule} cannot be waived"
         hint = ask_meant(waiver.rule, known, f"rules: {', '.join(known)}")
-        return [Problem(f"{at}/rule", "unknown-value", detail, hint)]
-    problems = []
+        yield Problem(f"{at}/rule", "unknown-value", detail, hint)
+        return
     wanted, other = ("max_value", "min_value") if rule.worse == "more" else ("min_value", "max_value")
     if getattr(waiver, other) is not None:
         detail = f"of {waiver.rule}, {rule.worse} is worse: a waiver of it has {wanted}, not {other}"
-        problems.append(Problem(f"{at}/{other}", "unused-field", detail, f"{wanted}: ..."))
+        yield Problem(f"{at}/{other}", "unused-field", detail, f"{wanted}: ...")
     elif getattr(waiver, wanted) is None:
         detail = f"a waiver of {waiver.rule} says up to which value it holds ({rule.unit or 'no unit'})"
-        problems.append(Problem(f"{at}/{wanted}", "missing-field", detail, f"{wanted}: ..."))
+        yield Problem(f"{at}/{wanted}", "missing-field", detail, f"{wanted}: ...")
     latest = today + timedelta(days=LONGEST_DAYS)
     if waiver.expires > latest:
         detail = f"a waiver holds for {LONGEST_DAYS} days at most; {waiver.expires} is after {latest}"
-        problems.append(Problem(f"{at}/expires", "out-of-range", detail, f"expires: {latest} or earlier"))
-    return problems
+        yield Problem(f"{at}/expires", "out-of-range", detail, f"expires: {latest} or earlier")
 
 
 # --- what a waiver accepts ----------------------------------------------------------------------------

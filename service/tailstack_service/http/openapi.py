@@ -328,14 +328,14 @@ class _Schemas:
         definitions = schema.pop("$defs", {})
         body = {key: value for key, value in schema.items() if key not in ("$schema", "$id")}
         names = {
-            key: key if key != name and self._free(key, definitions[key]) else f"{name}{key}" for key in definitions
+            key: key
+            if key != name and (key not in self.found or self.found[key] == _rename_references(definitions[key], {}))
+            else f"{name}{key}"
+            for key in definitions
         } | {key: PUBLISHED[key] for key in definitions if key in PUBLISHED}
         for key, definition in definitions.items():
             self.found[names[key]] = _rename_references(definition, names)
         self.found[name] = _rename_references(body, names)
-
-    def _free(self, key: str, definition: Any) -> bool:
-        return key not in self.found or self.found[key] == _rename_references(definition, {})
 
 
 def _rename_references(node: Any, names: dict[str, str]) -> Any:

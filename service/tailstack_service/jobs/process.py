@@ -178,12 +178,9 @@ class HourlyPurge:
     It is a thread of its own, for deleting may take longer than a lease.
     """
 
-    def __init__(
-        self, db: Database, keep_days: float, audit_days: float, *, seconds: float = PURGE_SECONDS,
-        clock: Clock = SYSTEM_CLOCK,
-    ) -> None:  # fmt: skip
+    def __init__(self, db: Database, keep_days: float, audit_days: float, *, clock: Clock = SYSTEM_CLOCK) -> None:
         self._clock = clock
-        self._db, self._keep_days, self._audit_days, self._seconds = db.endable(), keep_days, audit_days, seconds
+        self._db, self._keep_days, self._audit_days = db.endable(), keep_days, audit_days
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tailstack-purge", daemon=True)
         self._thread.start()
@@ -196,9 +193,9 @@ class HourlyPurge:
 
     def _run(self) -> None:
         # Several workers that were started together need not purge at the same moment
-        pause = self._seconds * random.random()
+        pause = PURGE_SECONDS * random.random()
         while not self._clock.wait(self._ending, pause):
-            pause = self._seconds
+            pause = PURGE_SECONDS
             try:
                 counts = asdict(purge(self._db, self._keep_days, self._audit_days))
             except TailstackError as error:

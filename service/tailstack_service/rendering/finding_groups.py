@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -54,17 +54,15 @@ def _name_subject(message: str) -> str:
     return message.partition(": ")[0].partition(" is ")[0]
 
 
-def group_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
+def group_findings(findings: Sequence[Finding]) -> Iterator[tuple[Finding, str]]:
     """Findings with their sentences; three and more of the same words, each about another thing, are one."""
-    told = []
     for first, *others in group_alike(findings, _name_remark):
         fields = [name_field(item.pointer) for item in (first, *others)]
         names = ", ".join(
             _name_subject(other.message) + (f" ({field})" if len(set(fields)) > 1 else "")
             for other, field in zip(others, fields[1:], strict=True)
         )
-        told.append((first, first.message + (f" The same holds for {names}." if names else "")))
-    return told
+        yield (first, first.message + (f" The same holds for {names}." if names else ""))
 
 
 def _name_remark(finding: Finding) -> Hashable | None:

@@ -74,7 +74,7 @@ def assemble(
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design, fifty_shots=True)
     ready = prepare(design, sampled=verification is not None)
-    pictured = _choose_targets(scored)
+    pictured = sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
     return Report(
         schema="tailstack/report/1",
         title=design.name,
@@ -95,10 +95,6 @@ def assemble(
         if options.profile is None
         else radiostereometry(design, seed=options.seed, pairs=0 if verification is None else PAIRS),
     )
-
-
-def _choose_targets(scored: Score) -> list[TargetScore]:
-    return sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
 
 
 def _judged_targets(scored: Score, pictured: list[TargetScore]) -> list[str]:

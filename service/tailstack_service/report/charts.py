@@ -277,17 +277,14 @@ def draw_tolerances(
                 _panel(axes, shown, curve, None if other is None or second is None else (other, second))
             top += 158
         _explain_tolerances(page, shown, other, called, top + 12, decimals)
-        title = f"{_error(shown)} at target {shown.target} over each half-width"
+        title = (
+            f"{_headline(shown.judgement, ERRORS[shown.judgement.error])} at target {shown.target} over each half-width"
+        )
         return page.svg(title, _words(shown, decimals))
 
 
 def _headline(judgement: Judgement, of: str = "") -> str:
     return headline_of(judgement.quantile, judgement.units_fraction, of, risk=judgement.risk)
-
-
-def _error(shown: ToleranceCurves) -> str:
-    """What is drawn, in words: P95 of the error at the tool."""
-    return _headline(shown.judgement, ERRORS[shown.judgement.error])
 
 
 def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:

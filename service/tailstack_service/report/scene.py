@@ -7,7 +7,7 @@ or hidden, and cameras to look from.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import cos, radians, sin, sqrt
@@ -143,7 +143,7 @@ Lines = list[Array]  # each (n, 3), mm
 
 def box_lines(low: Array, high: Array) -> Lines:
     """The twelve edges of an axis-parallel box between two corners (3,)."""
-    corners = {signed_decimal: np.where(signed_decimal, high, low) for signed_decimal in product((0, 1), repeat=3)}
+    corners = {ends: np.where(ends, high, low) for ends in product((0, 1), repeat=3)}
     return [
         np.array([corners[a], corners[b]])
         for a in corners
@@ -520,30 +520,28 @@ def _draw_executed(system: System) -> Array:
     return np.stack([found, others])[:, :, 0]
 
 
-def trajectories(system: System, magnification: float) -> list[Item]:
+def trajectories(system: System, magnification: float) -> Iterator[Item]:
     """Planned trajectories; magnified as errors are, their corridors, and the axes of some shots of a simulation."""
     named = {target.name: k for k, target in enumerate(system.targets)}
     entered = [(named[target.entry], k, target) for k, target in enumerate(system.targets) if target.entry is not None]
     if not entered:
-        return []
+        return
     shots = magnification * system.T_tcp_con[:3, :3].T @ _draw_executed(system) if magnification else None
-    items = []
     for first, last, target in entered:
         begin, end = system.targets[first].position_mm, target.position_mm
         name = f"{printable(target.entry or '', LONGEST)} to {printable(target.name, LONGEST)}"
-        items.append(Item("line", "targets", "trajectory", points_of([begin, end]), "", f"trajectory {name}"))
+        yield Item("line", "targets", "trajectory", points_of([begin, end]), "", f"trajectory {name}")
         if shots is None:
             continue
         own = shots[int(target.two_shots), first], shots[0, last]
         for shot in np.flatnonzero(np.isfinite(own).all(axis=(0, 1))):
             title = f"{name}: executed axis of shot {shot + 1} of a simulation, seed 0"
             ends = points_of([begin + own[0][:, shot], end + own[1][:, shot]])
-            items.append(Item("line", "executed", "executed", ends, "", title))
+            yield Item("line", "executed", "executed", ends, "", title)
         if target.channel is not None:
             title = f"corridor of {name}: {target.channel.words}"
             lines = channel_lines(begin, end, target.channel, magnification)
-            items += [Item("line", "corridor", "corridor", points_of(line), "", title) for line in lines]
-    return items
+            yield from (Item("line", "corridor", "corridor", points_of(line), "", title) for line in lines)
 
 
 def extent(item: Item) -> Array:

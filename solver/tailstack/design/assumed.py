@@ -25,15 +25,13 @@ def list_assumed(data: dict[str, Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(pointers))
 
 
-def check_assumed(data: dict[str, Any]) -> list[Problem]:
+def check_assumed(data: dict[str, Any]) -> Iterator[Problem]:
     """Every pointer of the list leads to something that the document says."""
-    problems = []
     for index, pointer in enumerate(data.get(FIELD, ())):
         steps = pointer.split("/")
         if not (find_places(data, pointer) and EVERY not in steps and steps[1] not in _NO_VALUES):
             detail = f"the design as it was written has no value at {pointer or 'an empty pointer'}"
-            problems.append(Problem(f"/{FIELD}/{index}", "not-found", detail, _suggest(data, pointer)))
-    return problems
+            yield Problem(f"/{FIELD}/{index}", "not-found", detail, _suggest(data, pointer))
 
 
 def _suggest(data: dict[str, Any], pointer: str) -> str:

@@ -300,10 +300,9 @@ def _states_size(view: Any) -> bool:
     return not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
 
 
-def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Sequence[Problem]) -> list[Problem]:
+def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Sequence[Problem]) -> Iterator[Problem]:
     """Problems of what a view shows, with what to do in a view of that kind."""
     hints: dict[str, str] = {}
-    explained = []
     refused = {int(each.pointer.split("/")[2]) for each in problems if each.code in _PLACED}
     for problem in problems:
         if problem.code in _PLACED:
@@ -317,8 +316,7 @@ def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Seq
             problem = replace(
                 problem, hint=(meant if first else "") if meant else _say_nothing_fits(view, problem.code)
             )
-        explained.append(problem)
-    return explained
+        yield problem
 
 
 def _say_nothing_fits(view: Any, code: str) -> str:

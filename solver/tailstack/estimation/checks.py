@@ -7,7 +7,7 @@ of a fiducial, the ray along which a target may lie.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -414,8 +414,7 @@ def _outside(
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> list[Finding]:
-    findings = []
+def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> Iterator[Finding]:
     for share, each in zip(seen, sights, strict=True):
         nominal = share.points
         view, images = each.view, each.images[: len(nominal)]
@@ -441,17 +440,14 @@ def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> list[Fin
                 if _odd_one_out(nominal) is not None
                 else "move or add a fiducial off the curve",
             )
-        findings.append(
-            Finding(
-                "weak-resection",
-                "warning",
-                f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial",
-                share.pointer,
-                strength,
-                WEAK,
-            )
+        yield Finding(
+            "weak-resection",
+            "warning",
+            f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial",
+            share.pointer,
+            strength,
+            WEAK,
         )
-    return findings
 
 
 def _slide(estimate: Array, change: Array) -> str:
@@ -482,11 +478,10 @@ def _odd_one_out(points: Array) -> tuple[int, Array] | None:
 # --- triangulation ----------------------------------------------------------------------------------
 
 
-def _check_triangulation(system: System) -> list[Finding]:
+def _check_triangulation(system: System) -> Iterator[Finding]:
     projections = system.projections
     places = np.array([target.position_mm for target in system.targets])
     names = ", ".join(view.name for view in system.views)
-    findings = []
     for target, sine in zip(system.targets, sines_between_rays(projections, places).tolist(), strict=True):
         angle = degrees(asin(min(sine, 1.0)))
         if angle >= SMALL_PARALLAX_DEG:
@@ -515,15 +510,12 @@ def _check_triangulation(system: System) -> list[Finding]:
                 f"target {target.name} {reason} (views {names}): nothing is known of it along {along}",
                 "turn one view out of that line" if near else "bring the target nearer or the views apart",
             )
-        findings.append(
-            Finding(
-                "small-parallax",
-                "warning",
-                f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
-                f"{direction_name(rays.sum(axis=0))} is poorly known",
-                "/views",
-                angle,
-                SMALL_PARALLAX_DEG,
-            )
+        yield Finding(
+            "small-parallax",
+            "warning",
+            f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
+            f"{direction_name(rays.sum(axis=0))} is poorly known",
+            "/views",
+            angle,
+            SMALL_PARALLAX_DEG,
         )
-    return findings

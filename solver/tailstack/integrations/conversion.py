@@ -120,7 +120,7 @@ def _holds_markups(content: bytes) -> bool:
     return isinstance(data, dict) and "markups" in data and holds_points(data)
 
 
-def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
+def read_source_file(source: Path) -> bytes:
     """The bytes of a file to convert, within the limit of its kind; of an image only its beginning, with its header.
 
     Raises DesignError, LimitError.
@@ -128,7 +128,9 @@ def read_source_file(source: Path, limits: Limits = DEFAULT_LIMITS) -> bytes:
     name = source.name.lower()
     if not name.endswith((*FORMATS, *DOCUMENTS, ".tsv", *STEP_FILES)):
         return read_bytes(source, HEADER_BYTES, str(source), whole=False)
-    return read_bytes(source, MOST_STEP_BYTES if name.endswith(STEP_FILES) else limits.document_bytes, str(source))
+    return read_bytes(
+        source, MOST_STEP_BYTES if name.endswith(STEP_FILES) else DEFAULT_LIMITS.document_bytes, str(source)
+    )
 
 
 def _place_fiducials(

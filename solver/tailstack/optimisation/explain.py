@@ -6,6 +6,7 @@ the rotations about it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil, log10
 from typing import Any
@@ -142,7 +143,7 @@ def _factor(model: ErrorModel, demand: QuantileConstraint, contributors: set[str
     return float(np.floor(largest * 10**digits) / 10**digits)
 
 
-def _room(program: Program, point: Point) -> list[str]:
+def _room(program: Program, point: Point) -> Iterator[str]:
     """Which rule of the layout stands in the way most, from the multipliers of the smallest quantile."""
     problem = program.problem
     relief: dict[str, list[float]] = {}
@@ -163,12 +164,10 @@ def _room(program: Program, point: Point) -> list[str]:
         elif row.kind == "stay" and problem.stay is not None:
             most = problem.stay.at_most_mm
             add("adding {step} mm to at_most_mm", abs(float(multiplier)) / most, most)
-    told = []
     for what, (part, room) in sorted(relief.items(), key=lambda item: -item[1][0])[:2]:
         step = part_that_holds(part, 1 / room)
         if 100 * part > RELIEF:
-            told.append(f"{what.replace('{step}', f'{step:g}')} lowers it by {100 * part * step:.2g} %")
-    return told
+            yield f"{what.replace('{step}', f'{step:g}')} lowers it by {100 * part * step:.2g} %"
 
 
 def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError | NotConvergedError:

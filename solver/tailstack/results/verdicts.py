@@ -359,16 +359,16 @@ def decided_by(checks: Sequence[_Checked]) -> list[tuple[_Checked, int]]:
 MOST_NAMED = 6  # requirements in a sentence
 
 
-def checks_sentence(checks: Sequence[Check], who: str = "The design") -> str:
+def checks_sentence(checks: Sequence[Check]) -> str:
     """How many requirements are kept, which are not, and the one that decides with its numbers; "" without any."""
     decided = [check for check, _ in decided_by(checks)]
     if not decided:
         return ""
     first = decided[0]
     if len(decided) == 1:
-        return check_sentence(first, who)
+        return check_sentence(first)
     passed = sum(check.status == "pass" for check in decided)
-    count = f"{who} keeps {passed} of {len(decided)} requirements"
+    count = f"The design keeps {passed} of {len(decided)} requirements"
     if passed == len(decided):
         return f"{count}; nearest to its limit is {_describe(first)}."
     named = [

@@ -554,9 +554,9 @@ def choose_decimals(ratio: Ratio) -> int:
     return min(max(1 - floor(log10(max(half, 1e-7))), 1), 6)
 
 
-def write_percent(ratio: Ratio, decimals: int | None = None) -> str:
+def write_percent(ratio: Ratio) -> str:
     """How far a ratio is from one: ``+3.02 %``."""
-    decimals = choose_decimals(ratio) if decimals is None else decimals
+    decimals = choose_decimals(ratio)
     return f"{round(100 * (ratio.value - 1), decimals) + 0.0:+.{decimals}f} %"
 
 

@@ -11,6 +11,7 @@ shots on the full chain: markers are fitted from one to the other, the other bod
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from math import ceil, erf, exp, pi, sqrt
@@ -127,7 +128,7 @@ def _left_of_fit(fit: BodyFit) -> dict[str, Array]:
     return weights
 
 
-def _cross_lines(chain: Chain, model: LinearModel) -> list[CrossingLines]:
+def _cross_lines(chain: Chain, model: LinearModel) -> Iterator[CrossingLines]:
     """Of a marker, in every two views: what moves the rows of triangulation moves each ray across itself."""
     imaging, views = chain.imaging, [view.name for view in chain.system.views]
     centres = chain.weights @ imaging.points / chain.weights.sum(axis=1)[:, None]
@@ -139,7 +140,6 @@ def _cross_lines(chain: Chain, model: LinearModel) -> list[CrossingLines]:
     still = aim._replace(common=common.steady, covariance=np.zeros_like(aim.covariance))
     known = row_errors(still, np.zeros_like(noise), unit=False)[3, 3]
     rays = np.cross(aim.rows[:, 0], aim.rows[:, 1])
-    found = []
     for first, second in combinations(range(len(views)), 2):
         across = np.cross(rays[first], rays[second])
         across /= np.linalg.norm(across)
@@ -149,8 +149,7 @@ def _cross_lines(chain: Chain, model: LinearModel) -> list[CrossingLines]:
         spread, shift = (sqrt(max(float(weights @ each @ weights), 0.0)) for each in (random, known))
         mean = shift if not spread else spread * sqrt(2 / pi) * exp(-((shift / spread) ** 2) / 2)
         mean += shift * erf(shift / spread / sqrt(2)) if spread else 0.0
-        found.append(CrossingLines(model.site, (views[first], views[second]), mean, sqrt(spread**2 + shift**2)))
-    return found
+        yield CrossingLines(model.site, (views[first], views[second]), mean, sqrt(spread**2 + shift**2))
 
 
 # --- by simulation -------------------------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ class DaskEngine:
     @property
     def capacity(self) -> int:
         """Threads of the whole cluster."""
-        return self._threads if self._is_connected() else 0
+        return self._threads if (self._client is not None and self._client.status == "running") else 0
 
     def submit(self, task: Task, key: str) -> Future[Outcome]:
         local: Future[Outcome] = Future()
@@ -179,9 +179,6 @@ class DaskEngine:
             local.set_result(answer)
 
     # --- the connection ---------------------------------------------------------------------------
-
-    def _is_connected(self) -> bool:
-        return self._client is not None and self._client.status == "running"
 
     @_only_critical("distributed.client")  # its tracebacks are of what is said here in a line
     def _run(self) -> None:

@@ -207,10 +207,6 @@ def _limit_transaction(db: Database) -> Iterator[None]:
         _limit.at, _limit.end, _limit.seconds, _limit.clock = before
 
 
-def _silence() -> str:
-    return f"the database did not answer within {_limit.seconds:g} s"
-
-
 def parse_url(url: str) -> URL:
     """The URL with the driver that is used.  Raises StoreError for any that is not understood."""
     try:
@@ -382,7 +378,7 @@ def _make_limited_connection(psycopg: Any) -> Any:
     class LimitedConnection(psycopg.Connection):  # type: ignore[misc]
         @staticmethod
         def silent() -> Any:
-            return psycopg.OperationalError(_silence())
+            return psycopg.OperationalError(f"the database did not answer within {_limit.seconds:g} s")
 
         def wait(self, gen: Any, *arguments: Any, **named: Any) -> Any:
             try:

@@ -364,7 +364,7 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
         sha256 = None if outcome.result is None else digest(outcome.result)
         values = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
         if job.state not in tables.UNFINISHED or not _end_claim(connection, claim, "recorded", **values):
-            return _was_recorded(connection, claim)
+            return bool(connection.execute(_WAS_RECORDED, _bind_claim(claim)).scalar_one())
         at = now(db, connection)
         cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
         changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
@@ -421,10 +421,6 @@ _CLAIMED = sa.and_(
     _UNIT.token == sa.bindparam("of_token"),
 )
 _END_CLAIM = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
-
-
-def _was_recorded(connection: Connection, claim: Claim) -> bool:
-    return bool(connection.execute(_WAS_RECORDED, _bind_claim(claim)).scalar_one())
 
 
 _WAS_RECORDED = sa.select(sa.exists().where(_CLAIMED, _UNIT.state == tables.RECORDED))

@@ -69,7 +69,7 @@ def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[Uni
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One part: what :class:`RecordedSampler` asked for."""
-    ready, seed = _ready(request), sampling_of(request).seed
+    ready, seed = prepare_model(canonical(request["design"])), sampling_of(request).seed
     if spec["what"] == "radial":
         vertex = tuple((name, end) for name, end in spec["vertex"])
         wanted = RadialTask(
@@ -101,10 +101,6 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
         request.get("method", "plain"),
         request.get("max_trials") or MAX_TRIALS,
     )
-
-
-def _ready(request: dict[str, Any]) -> PreparedDesign:
-    return prepare_model(canonical(request["design"]))
 
 
 @lru_cache(maxsize=4)

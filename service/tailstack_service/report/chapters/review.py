@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tailstack.design.review import Comment, NamedVersion, Review
+from tailstack.design.review import Comment, Review
 from tailstack.results.tables import LONG_TABLE, Column, tabulate
 
 from ...rendering.blocks import Block, Section
@@ -26,7 +26,7 @@ def review_sections(design: dict[str, Any]) -> tuple[Section, ...]:
     if review.versions:
         kept: tuple[Column, ...] = (
             Column("Version", of=lambda version: version.name), Column("Note", of=lambda version: version.note),
-            Column("Kept", of=_date_of),
+            Column("Kept", of=lambda version: version.date or ""),
         )  # fmt: skip
         blocks.append(tabulate("Versions", "Versions kept in the design document", kept, review.versions))
     return (Section("Review", tuple(blocks)),) if blocks else ()
@@ -36,7 +36,3 @@ def _pin(comment: Comment) -> str:
     if comment.bead is not None:
         return f"bead {comment.bead}"
     return " ".join(filter(None, (comment.contributor, comment.component))) or "the design"
-
-
-def _date_of(version: NamedVersion) -> str:
-    return version.date or ""

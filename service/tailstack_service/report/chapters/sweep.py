@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from tailstack.results.digits import length
@@ -117,17 +117,15 @@ def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
     return (f"{passed:,} of {len(judged):,} points keep their requirements.",) if judged else ()
 
 
-def _matters(sweep: Sweep) -> tuple[str, ...]:
+def _matters(sweep: Sweep) -> Iterator[str]:
     """What the design as it stands has, what could not be evaluated."""
-    sentences = []
     as_it_is = [f"{axis.short} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
     if as_it_is:
-        sentences.append(f"The design as it stands has {', '.join(as_it_is)}.")
+        yield f"The design as it stands has {', '.join(as_it_is)}."
     refused = [point for point in sweep.points if point.status == "refused"]
     if refused:
         first = f"{_place(sweep, refused[0].values)}: {refused[0].reason}"
-        sentences.append(f"{len(refused):,} points were refused, the first at {first}.")
-    return tuple(sentences)
+        yield f"{len(refused):,} points were refused, the first at {first}."
 
 
 def _method(sweep: Sweep) -> Bullets:

@@ -9,7 +9,7 @@ What it says in sentences is decided by its tests and intervals alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -187,23 +187,19 @@ def _write_ratio(spread: SpreadCompared | None) -> str:
     return f": {spread.ratio:.3g} times ({low:.3g} .. {high:.3g})"
 
 
-def find_remarks(levels: Sequence[LevelCompared]) -> tuple[Finding, ...]:
+def find_remarks(levels: Sequence[LevelCompared]) -> Iterator[Finding]:
     """What the numbers of the file themselves give away."""
-    findings = []
     for level in levels:
         if level.not_tested:
-            findings.append(
-                Finding("not-tested", "warning", f"level {level.level} at {level.target}: {level.not_tested}")
-            )
+            yield Finding("not-tested", "warning", f"level {level.level} at {level.target}: {level.not_tested}")
         elif level.spread is not None and level.spread.measured_mm == 0:
             message = f"level {level.level} at {level.target}: all trials are alike to the last digit"
-            findings.append(Finding("no-spread", "warning", message))
+            yield Finding("no-spread", "warning", message)
     if any(level.trials is None for level in levels):
         message = (
             f"where the number of trials is not stated, the prediction beside it is of benches of {UNKNOWN} trials"
         )
-        findings.append(Finding("assumed-trials", "note", message))
-    return tuple(findings)
+        yield Finding("assumed-trials", "note", message)
 
 
 def write_conclusions(levels: Sequence[LevelCompared], verdict: Verdict) -> tuple[str, ...]:

@@ -460,9 +460,9 @@ def count_benches(trials: Sequence[int], tests: int, alpha: float) -> int:
     return max(min(ROWS // every, MOST_REPLICATES), least)
 
 
-def count_least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES) -> int:
+def count_least_benches(tests: int, alpha: float) -> int:
     """So many that a two-sided p-value can fall below alpha shared among the tests, with room to spare."""
-    return max(fewest, ceil(3 * tests / alpha))
+    return max(LEAST_REPLICATES, ceil(3 * tests / alpha))
 
 
 def simulate_benches(
