@@ -20,6 +20,8 @@ from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
 from ..console.files import writable_directory
 from ..console.parser import program
+from ..console.progress import Progress
+from ..logs import log_to_stderr
 from ..operations.editors import write_document
 from ..rendering.tables import visible, wrap
 from ..shipped import example_folder
@@ -58,10 +60,8 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import design_to_data, load_design
     from tailstack.design.write import data_to_yaml
 
-    from ..console.progress import Progress
     from ..console.remote import RemoteService, compute_remotely
     from ..http.server import running_service
-    from ..logs import log_to_stderr
     from ..schemas import read_record
     from ..settings import default_settings
 

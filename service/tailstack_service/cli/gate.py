@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from datetime import date
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from tailstack.cures import ask_meant
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..clock import SYSTEM_CLOCK
@@ -27,9 +30,6 @@ from ..problems import RequestError
 from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from datetime import date
-
     from ..gate.judge import Gate
     from ..gate.reading import GateDesign, GateInput
     from ..gate.records import GateRecord
@@ -195,8 +195,6 @@ def _judge(arguments: argparse.Namespace, designs: list[str], anchors: Anchors) 
 
 
 def _explain(rule: str) -> str:
-    from tailstack.cures import ask_meant
-
     from ..gate.rules import RULES, explain
 
     if rule == "all":

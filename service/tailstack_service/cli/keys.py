@@ -13,7 +13,7 @@ from tailstack.results.json_text import write_json
 from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole
 from ..console.parser import program
-from ..problems import RequestError
+from ..problems import RequestError, StoreError
 from ..rendering.tables import draw_table
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 def _open(url: str, *, reads: bool) -> Database:
     """What only reads does not change the file; a database that nobody has made yet is made, and holds no key."""
     from ..jobs.store.schema import open_database
-    from ..problems import StoreError
 
     try:
         return open_database(url, read_only=True) if reads else open_database(url, migrate=True)

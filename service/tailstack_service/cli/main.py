@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
-from tailstack.kernels.process import ignore_settings_of_folder
+from tailstack.kernels.process import ignore_settings_of_folder, prepare_with
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -133,8 +133,6 @@ def _leave_quickly() -> None:
 
 
 def _run_verb(arguments: argparse.Namespace) -> int:
-    from tailstack.kernels.process import prepare_with
-
     from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure
     from ..rendering.page import write_on

@@ -11,6 +11,7 @@ from ..console.arguments import add_details, add_json, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.flags import add_flags
 from ..console.progress import Progress
+from ..documents import to_json
 from ..operations.operation import Call, Operation
 from ..operations.options import refuse_unknown_target
 from ..operations.registry import FAMILIES, operations_of
@@ -78,8 +79,6 @@ def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
     """Read, compute, draw, print."""
     given = (getattr(arguments, field) for field in operation.designs)
     designs = tuple(read_design(name) for name in given if name is not None)  # refused before the solver is loaded
-
-    from ..documents import to_json
 
     options = operation.options.of_flags(arguments)
     choice = _choose_target(arguments, designs[0]) if operation.target else ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -16,20 +17,18 @@ from ..console.arguments import whole
 from ..console.files import replace_file, writable_directory
 from ..console.flags import add_flags
 from ..console.progress import Progress
+from ..documents import to_json
 from ..operations.registry import OPERATIONS
 from ..operations.report import ReportOptions
 from ..problems import RequestError
+from ..report.records import Comparison, Report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from tailstack.design import Design
 
     from ..operations.reading import ReadResult
     from ..report.assembling import ReportContents as Parts
     from ..report.chapters.supplier import Sheet
-    from ..report.records import Comparison, Report
-
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
 FORMATS = ("html", "pdf", "xlsx", "json", "csv")
@@ -72,8 +71,6 @@ def _read_forms(text: str) -> tuple[str, ...]:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..documents import to_json
-
     if len(arguments.sources) > 2 or arguments.sources.count("-") > 1:
         hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
         _refuse("too-many", f"one or two documents are reported; {len(arguments.sources)} were given", hint)

@@ -12,6 +12,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
+from tailstack.kernels.process import usable_cores
+
 from ..processes.birth import make_command, make_environment
 from ..rendering.tables import wrap
 from .progress import Progress
@@ -50,7 +52,6 @@ def compile_for(verbs: Iterable[str]) -> int:
 def _compile(calls: Sequence[KernelCall]) -> int:
     """In processes of their own, each with the next of the calls until none is left, the slowest first."""
     from tailstack.kernels import store
-    from tailstack.kernels.process import usable_cores
 
     reason = store.why_not_installed() if store.installed_directories() else ""
     # and not in the working directory, of which numba would take settings

@@ -23,11 +23,14 @@ from ..console.answer import Answer
 from ..console.arguments import read_design, read_number
 from ..console.files import writable
 from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
+from ..documents import to_json
+from ..first_design import Beads, design_of_beads, design_of_shots
 from ..operations.editors import write_document
 from ..operations.effort import text_reading_seconds
 from ..operations.operation import Body, Command, ExampleBody, Operation, Reception
 from ..operations.options import Options
 from ..problems import RefusedAt, RequestError
+from ..processes.task import RawRequest
 from ..rendering.tables import draw_table
 
 if TYPE_CHECKING:
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
     from tailstack.integrations.conversion import Conversion as Made
     from tailstack.integrations.step import StepBody, StepSelection, StepTolerance
 
-    from ..processes.task import RawRequest
     from ..settings import Settings
 
 TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
@@ -267,8 +269,6 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     from tailstack.integrations.conversion import convert
     from tailstack.integrations.dicom import Shot, convert_shots, is_dicom
 
-    from ..first_design import Beads, design_of_beads, design_of_shots
-
     is_step = wish.source.lower().endswith(STEP_FILES)
     _refuse_unused(wish, is_step)
     starts: list[str] = []
@@ -345,8 +345,6 @@ def _doubt_balls(made: Made, wish: Wish, limits: Limits) -> list[str]:
     from tailstack.design import load_design
     from tailstack.design.plausibility import explain_refusal
 
-    from ..first_design import Beads, design_of_beads
-
     try:
         beads = Beads(made.fiducials.labels, made.fiducials.positions_mm, wish.source)
         return [problem.detail for problem in explain_refusal(load_design(design_of_beads(beads), limits=limits))]
@@ -373,7 +371,6 @@ def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
 def receive(sent: RawRequest, settings: Settings) -> Reception:
     """The converted text, the fiducials in it, and what was done to the numbers.  Raises RefusedAt, RequestError."""
 
-    from ..documents import to_json
     from ..operations.request import (
         cure_line_ends,
         design_of,

@@ -16,6 +16,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
+from tailstack.cures import ask_label
 from tailstack.errors import DesignError, IllPosedError, LimitError, Problem
 from tailstack.people_tables import Rows
 from tailstack.results.batch import ScoredTable
@@ -27,7 +28,7 @@ from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
 from ..environment import variable
 from ..problems import RequestError
-from ..processes.task import Estimated
+from ..processes.task import Estimated, Query, RawRequest
 from ..tables import (
     MEDIA_TYPES,
     WRITERS,
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from tailstack.batch import Batch
     from tailstack.design import Design
 
-    from ..processes.task import Query, RawRequest
     from ..settings import Settings
     from .request import Request
 
@@ -152,8 +152,6 @@ def score_table(
     header = table.header
     for path, name in settings:
         if name not in header:
-            from tailstack.cures import ask_label
-
             hint = ask_label(name, header, f"the table has {', '.join(header[:12])}")
             raise table.refuse("wrong-header", f"the table has no column {name!r}, which is to give {path}", hint, 1)
     chosen = list(settings) or [(name, name) for name in header if name.startswith("/") or "." in name]

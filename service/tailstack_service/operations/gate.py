@@ -6,8 +6,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..clock import SYSTEM_CLOCK
+from ..documents import to_json
 from ..gate.asked import GateRequest
-from ..processes.task import Estimated
+from ..processes.task import Estimated, RawRequest
 from .content import canonical
 from .effort import score_seconds, size_of, text_reading_seconds
 from .example import EXAMPLE_DESIGN
@@ -16,7 +17,6 @@ from .options import Options
 
 if TYPE_CHECKING:
     from ..gate.judge import Gate
-    from ..processes.task import RawRequest
     from ..settings import Settings
 
 
@@ -47,7 +47,6 @@ def _receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
 
 
 def _answer(gate: Gate, terms: dict[str, Any]) -> Reception:
-    from ..documents import to_json
     from ..gate.judge import judge
 
     return Reception(answer=to_json(judge(gate)), terms=terms)

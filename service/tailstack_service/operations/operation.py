@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ..console.answer import PASS
+from pydantic import BaseModel
+
+from ..console.answer import PASS, Answer
 from ..console.flags import list_options
+from ..processes.task import Estimated, RawRequest
 from .effort import reading_seconds
 from .options import Options
 
 if TYPE_CHECKING:
-    import argparse
-
-    from pydantic import BaseModel
-
     from tailstack.design import Design
 
-    from ..console.answer import Answer
-    from ..processes.task import Estimated, RawRequest
     from ..rendering.blocks import Document
     from ..settings import Settings
     from .request import Request

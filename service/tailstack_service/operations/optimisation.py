@@ -22,6 +22,7 @@ from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags
 from ..console.parser import program
 from ..console.progress import Progress
+from ..documents import to_json
 from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
 
@@ -134,7 +135,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
-    from ..documents import to_json
     from .revision import patch_text, read_output_files, write_results
 
     files = read_output_files(arguments)

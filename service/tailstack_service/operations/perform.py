@@ -11,6 +11,7 @@ from typing import Any
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
 
+from ..documents import to_json
 from ..problems import RefusedAt, memory_error, problem_document
 from ..processes.task import ADVANCE, Outcome, Task, UnitResult
 from .content import canonical
@@ -71,8 +72,6 @@ def _perform(task: Task) -> Outcome:
 
 
 def _refusal(error: TailstackError) -> Outcome:
-    from ..documents import to_json
-
     return Outcome(0.0, problem=to_json(problem_document(error, instance="")))
 
 

@@ -3,6 +3,7 @@ a patch."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tailstack.design import DEFAULT_LIMITS, Design, design_to_data, load_design
 from tailstack.design.document import DesignDocument
@@ -28,9 +29,6 @@ from tailstack.results.json_text import write_json
 from ..console.files import is_stream, replace_file, writable
 from ..problems import RequestError
 from .editors import write_document
-
-if TYPE_CHECKING:
-    import argparse
 
 DOCUMENTS, FIDUCIALS = (".yaml", ".yml", ".json"), (".mrk.json", ".csv", ".fcsv")
 

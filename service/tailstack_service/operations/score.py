@@ -14,6 +14,7 @@ from tailstack.results import Score
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags
+from ..documents import to_json
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import Size, score_seconds
 from .operation import Call, Command, LateImport, Operation
@@ -101,8 +102,6 @@ def _run(arguments: argparse.Namespace) -> Answer:
     if arguments.batch is not None:
         return run_batch(arguments)
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
-
-    from ..documents import to_json
 
     record = _score(Call((design,), ScoreOptions.of_flags(arguments)))
     refuse_unknown_target(arguments.target, [target.name for target in record.targets])

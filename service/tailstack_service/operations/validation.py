@@ -18,6 +18,7 @@ from tailstack.results.verdicts import assumed_sentence
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
 from ..console.flags import add_flags
+from ..documents import to_json
 from ..rendering.finding_groups import group_findings
 from ..rendering.tables import visible, wrap
 from .effort import Size
@@ -167,7 +168,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> Answer:
     from ..console.refusals import name_stdin, next_command, problems_text, report_error
-    from ..documents import to_json
 
     lines, records, codes = [], [], []
     options = ValidationOptions.of_flags(arguments)

@@ -22,15 +22,13 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from tailstack.kernels.sources import SourceFile, digest_of_all, read_sources
 from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
 
 from . import linux
-
-if TYPE_CHECKING:
-    from tailstack.kernels.sources import SourceFile
 
 LARGEST_PACKET = 1 << 20  # an environment is some kilobytes
 LONGEST_CODE = 16  # digits
@@ -258,8 +256,6 @@ def digest_files() -> str:
 
 
 def _digest(solver: dict[str, SourceFile]) -> str:
-    from tailstack.kernels.sources import digest_of_all, read_sources
-
     here = digest_of_all(read_sources(Path(__file__).resolve().parents[1]))
     return sha256(f"{digest_of_all(solver)} {here}".encode()).hexdigest()
 

@@ -26,6 +26,7 @@ from functools import partial
 from importlib import import_module
 from typing import NoReturn
 
+from tailstack.errors import MissingExtraError
 from tailstack.kernels.process import ignore_settings_of_folder
 
 from . import child
@@ -50,7 +51,6 @@ class Step:
         """Whether it would take minutes, in which nobody could be forked and no end be told."""
         if self.tried:
             return False
-        from tailstack.errors import MissingExtraError
         from tailstack.kernels.calls import calls_for
 
         try:

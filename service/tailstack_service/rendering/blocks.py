@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from tailstack.results import Finding, Provenance
 from tailstack.results.tables import EVERYWHERE, TERMINAL, On, Table
 from tailstack.results.verdicts import rest_of
-
-if TYPE_CHECKING:
-    from tailstack.results import Finding, Provenance
 
 Tone = Literal["pass", "fail", "inconclusive", "neutral"]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
+from tailstack.results import Finding, Provenance
 from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED, assumed_sentence
 
@@ -12,9 +12,6 @@ from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragr
 from .finding_groups import group_findings
 from .page import current
 from .tables import columns, fold, paint, prose_width, wrap, write_table
-
-if TYPE_CHECKING:
-    from tailstack.results import Finding, Provenance
 
 TONE = {"neutral": "no requirement"}  # the role of its colour, where it is called otherwise
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."

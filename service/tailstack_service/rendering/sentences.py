@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from tailstack.levels import level_of
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
-from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
+from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
+from tailstack.results.verification import MetricEstimate, TargetEstimate
 
 if TYPE_CHECKING:
     from tailstack.results import (
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
         Verification,
         ViewCheck,
     )
-    from tailstack.results.score import MetricScore
-    from tailstack.results.verification import MetricEstimate, TargetEstimate
 
     ToldError = TargetScore | TargetEstimate | MetricScore | MetricEstimate
 

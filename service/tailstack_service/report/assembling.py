@@ -4,29 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tailstack.design import Design, design_to_data
+from tailstack.geometry.arrays import Array
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import ChainPlan
+from tailstack.montecarlo.simulate import Progress
+from tailstack.results import Optimisation, Score, TargetScore, Verification
 from tailstack.results.radiostereometry import Profile
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
 from tailstack.studies.radiostereometry import PAIRS, radiostereometry, refuse_without_bodies
-from tailstack.verification import PreparedDesign, prepare
+from tailstack.verification import PreparedDesign, prepare, verify
 
 from .chapters.optimisation import optimise_command
 from .half_widths import allowances
 from .headline import headline_of
 from .records import ErrorDistribution, Report, Reproduction
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
-    from tailstack.montecarlo.simulate import Progress
-    from tailstack.results import Optimisation, Score, TargetScore, Verification
 
 DEFAULT_PARTS = ("score", "verification")
 BINS = 36
@@ -55,8 +53,6 @@ def compute_report(design: Design, options: ReportContents, *, progress: Progres
     if options.profile is not None:  # before the work, and not after it
         refuse_without_bodies(design)
     if "verification" in options.parts:
-        from tailstack.verification import verify
-
         verification = verify(
             design, trials=options.trials, precision=options.precision, seed=options.seed,
             max_trials=options.max_trials, progress=progress,

@@ -9,14 +9,13 @@ import numpy as np
 
 from tailstack.design.document import DistanceView, PresetView
 from tailstack.design.presets import PRESETS
+from tailstack.geometry.arrays import Array
 from tailstack.geometry.camera import camera_centre, depths, principal_ray
 from tailstack.geometry.rotation import unit
+from tailstack.system import System, View
 
 if TYPE_CHECKING:
     from tailstack.design import Design
-    from tailstack.geometry.arrays import Array
-    from tailstack.system import System, View
-
 BEYOND = 1.3  # a detector at an unknown distance is drawn so much farther than what it images
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
-from typing import TYPE_CHECKING
 
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
+from tailstack.geometry.arrays import Array
+from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
 from tailstack.results.digits import in_percent, length
 from tailstack.results.score import single_lines
@@ -21,10 +22,6 @@ from .assembling import ReportContents, assemble, draw_norms, drawing_options
 from .changes import changes_of
 from .headline import comparison_decimals, decided_difference, difference_decimals
 from .records import Comparison, ComparisonHeadline, Difference, Report
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
-    from tailstack.montecarlo.simulate import Progress
 
 MOST_COMPARED = 2**18  # trials of each design
 FEWEST = 64 * SECTIONS  # trials: below, the P95 of a section hangs on three of them

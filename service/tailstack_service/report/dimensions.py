@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import isotonic_regression
 
+from tailstack.geometry.arrays import Array
 from tailstack.results.look import BLUE, FAINT, INK, MUTED
 
 from .svg import WIDTH, Kind, MarkedPoint, label_places, line, picture, shape, text, trim
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
 
 VIEWS = (("Front", 0), ("Side", 1))  # each with z up: what it is called, and which axis runs across
 HALF = WIDTH / 2  # of the page, for one view

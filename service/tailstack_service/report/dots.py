@@ -10,21 +10,17 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from math import ceil, floor
-from typing import TYPE_CHECKING
 
+from tailstack.results import Score
 from tailstack.results.digits import in_percent
 from tailstack.results.look import LIMIT_COLOUR, VALUE_COLOUR
-from tailstack.results.score import SHOTS
+from tailstack.results.score import SHOTS, FiftyShots
 from tailstack.results.tables import PAPER, TERMINAL, Column, On, tabulate
 
 from ..rendering.blocks import Block, Figure, group, say
 from .charts import PHONE
 from .page import DASHED, open_page, upright
 from .svg import WIDTH, printable
-
-if TYPE_CHECKING:
-    from tailstack.results import Score
-    from tailstack.results.score import FiftyShots
 
 LEFT, TALLEST, LETTER = 22, 96, 6.6  # margin, height of the highest heap, width of a letter
 FEWEST, MOST = 16, 400  # columns of dots

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import degrees
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -15,15 +15,14 @@ from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, risk_of_units, unit_for_people
 from tailstack.design import Design, compile_design
 from tailstack.levels import Drawn, level_of
+from tailstack.optimisation.prices import cost_of
 from tailstack.propagation.linear import LinearModel, linearise
+from tailstack.results import Check
+from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
 from .headline import tightest_check
 from .records import Allowance
-
-if TYPE_CHECKING:
-    from tailstack.results import Check
-    from tailstack.system import System
 
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
 MOST = 12  # curves: those that could change the quantile most
@@ -223,7 +222,6 @@ def prices(design: Design, system: System) -> dict[tuple[str, str], tuple[float 
     by contributor and component; none without such a section."""
     if design.document.optimise is None:
         return {}
-    from tailstack.optimisation.prices import cost_of
     from tailstack.optimisation.request import read_request
 
     free_widths = read_request(design).problem.half_widths

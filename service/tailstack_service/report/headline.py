@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from tailstack.measures import POINT_ERRORS
+from tailstack.results import Check, Finding, Optimisation, Score, Verdict, Verification
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
 from tailstack.statistic import STATISTIC
@@ -21,12 +21,7 @@ from ..rendering.sentences import (
     sources_of,
     trust_sentence,
 )
-from .records import Headline
-
-if TYPE_CHECKING:
-    from tailstack.results import Check, Finding, Optimisation, Score, Verdict, Verification
-
-    from .records import Difference, Report
+from .records import Difference, Headline, Report
 
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:

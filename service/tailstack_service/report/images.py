@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from math import ceil, floor
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from tailstack.estimation.checks import imaged_fiducials, needed_gaps
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.camera import depths
 from tailstack.results.look import FAINT, FONT, INK, LIMIT_COLOUR, MUTED
+from tailstack.system import System
 
 from .beams import Beam, beams_of
 from .svg import (
@@ -35,9 +35,6 @@ from .svg import (
     text,
     trim,
 )
-
-if TYPE_CHECKING:
-    from tailstack.system import System
 
 CELL, LEFT, PLOT = WIDTH // 2, 44, 296  # width of a column; room for tick labels; side of a plot
 HEAD = 54  # above a plot: its name, its size, the axes of con

@@ -8,22 +8,18 @@ limit where it was computed to.  So at h0 all numbers are what is printed; elsew
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from math import sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from tailstack.results import Check, TargetScore
 from tailstack.results.score import group, heading_of
 from tailstack.results.tables import Cell, Column, Row, Table
 from tailstack.results.verdicts import what_is_limited
 
 from ..rendering.blocks import ChangeableNumber, Formula
 from .headline import tightest_check
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from tailstack.results import Check, TargetScore
-
-    from .records import Allowance
+from .records import Allowance
 
 FIRST = 3  # row of a sheet in which the rows of its table begin
 COLUMNS = (

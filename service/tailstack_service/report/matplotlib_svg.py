@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -30,13 +30,11 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import Transform
 
+from tailstack.geometry.arrays import Array
 from tailstack.results.look import FONT, INK, MUTED, STYLE
 
 from ..rendering.tables import columns
 from .svg import CHARACTER, picture, trim
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
 
 _drawing = Lock()  # matplotlib's settings are one for the whole process
 

@@ -8,17 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tailstack.errors import MissingExtraError, Problem
 from tailstack.extras import install_command
 
 from ..environment import temporary_directory
 from ..problems import PdfUnavailable
+from ..rendering.blocks import Document
 from .html import html_report
-
-if TYPE_CHECKING:
-    from ..rendering.blocks import Document
 
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
 FONTS = "apt install fonts-dejavu-core, or any other font that fontconfig finds (fc-list shows them)"

@@ -30,6 +30,7 @@ from tailstack.geometry.rotation import unit
 from tailstack.measures.measure import Channel
 from tailstack.montecarlo.chain import run_indices, run_other_shots
 from tailstack.montecarlo.plan import compile_plan
+from tailstack.system import DirectEffect, System
 
 from .beams import Beam, beams_of
 from .svg import LONGEST, in_lines, printable, round_step
@@ -37,8 +38,6 @@ from .svg import LONGEST, in_lines, printable, round_step
 if TYPE_CHECKING:
     from tailstack.results import Score, TargetScore, WorthyPlace
     from tailstack.scoring import Errors, TargetErrors
-    from tailstack.system import DirectEffect, System
-
 Point3 = tuple[float, float, float]
 Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]
 

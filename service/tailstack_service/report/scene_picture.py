@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from math import atan2, degrees, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from tailstack.geometry.arrays import Array
 from tailstack.results.look import FONT, INK, MUTED
 
 from .scene import LOOKS, Item, LayoutScene, Point3, ViewDirection
@@ -29,9 +30,6 @@ from .svg import (
     text,
     trim,
 )
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
 
 NEAR, FAR = (8, 26.0, 436, 400), (460, 26.0, 252, 212)  # left, top, width, height of the two panels
 PAD = 26

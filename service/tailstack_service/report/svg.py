@@ -10,16 +10,14 @@ import textwrap
 from dataclasses import dataclass
 from html import escape
 from math import floor, log10
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from tailstack.geometry.arrays import Array
 from tailstack.results.look import BLUE, FONT, GREEN, INK, PURPLE, VERMILION
 
 from ..rendering.tables import columns, shorten
-
-if TYPE_CHECKING:
-    from tailstack.geometry.arrays import Array
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 

@@ -29,6 +29,7 @@ from ..design.loading import Design, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Limits
 from ..design.write import design_to_data
 from ..errors import DesignError, Problem
+from ..extras import name_missing_extra
 from ..results import Vector3
 from .conversion import IMAGES, Conversion, write_data
 
@@ -149,8 +150,6 @@ def read_shot(content: bytes, name: str) -> Shot:
 
 def _read_tags(content: bytes, name: str) -> dict[str, str]:
     """The texts of ``TAGS``, empty where one is missing.  What pydicom says is dropped: it may quote the patient."""
-    from ..extras import name_missing_extra
-
     with name_missing_extra():
         from pydicom import dcmread
         from pydicom.errors import InvalidDicomError

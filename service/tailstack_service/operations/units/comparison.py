@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tailstack.errors import TailstackError
 from tailstack.results import Verification
+from tailstack.verification import PreparedDesign, Sampling
 
 from ...documents import from_json, to_json
 from ...problems import RefusedAt, RequestError
@@ -15,9 +16,6 @@ from ..content import canonical, design_of
 from ..operation import Done, More, Step
 from . import verification
 from .parts import Parts
-
-if TYPE_CHECKING:
-    from tailstack.verification import PreparedDesign, Sampling
 
 SIDES = ("first", "second")
 

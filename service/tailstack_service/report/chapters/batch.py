@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
 from .tables import closing_sections, provenance_facts
-
-if TYPE_CHECKING:
-    from tailstack.results.batch import ScoredTable
 
 SHOWN = 40  # rows in a terminal
 

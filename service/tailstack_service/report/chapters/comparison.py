@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tailstack.results import Score, TargetEstimate, TargetScore
 from tailstack.results.digits import in_percent, length, signed_decimal
@@ -26,14 +26,12 @@ from ..charts import Scaled, draw_budgets, draw_errors, draw_scale, draw_toleran
 from ..dots import draw_dots, say_misses
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import comparison_decimals, decided_difference, difference_decimals, tightest_check
+from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
 from .review import review_sections
 from .tables import closing_sections
-
-if TYPE_CHECKING:
-    from ..records import Comparison, Difference, Report
 
 COLUMNS = ("First", "Second")
 DESIGNS = ("first design", "second design")

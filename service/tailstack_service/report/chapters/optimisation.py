@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING
 
+from tailstack.design.pointers import find_places, replace_value, value_at
+from tailstack.design.write import data_to_yaml
+from tailstack.results import Check, Optimisation, SurvivedLoss
 from tailstack.results.digits import at_most, count_decimals, decimals_of, length, number, percent
 from tailstack.results.optimisation import (
     MOST_OPTIMA,
@@ -44,9 +46,6 @@ from ...rendering.tables import csv_text, plain_text, spell_count
 from .layout import Known, layout_blocks, score_if_determined
 from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
-
-if TYPE_CHECKING:
-    from tailstack.results import Check, Optimisation, SurvivedLoss
 
 MOST_BINDING = 3  # said on the first page
 MOST_LISTED = 4  # said in a terminal without details
@@ -433,9 +432,6 @@ def _list_design(design: dict[str, object], caption: str) -> tuple[Block, ...]:
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:
     """A design as text that loads as the same design, but for the bytes of surfaces."""
-    from tailstack.design.pointers import find_places, replace_value, value_at
-    from tailstack.design.write import data_to_yaml
-
     for pointer in ("/optimise/region/surface/content", "/optimise/regions/*/surface/content"):
         for place in find_places(design, pointer):  # base64, by the page
             count = len(value_at(design, place))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tailstack.results.radiostereometry import DoubleExaminations, MarkerModel, Radiostereometry
 from tailstack.results.tables import IN_DETAIL, PAPER, Cell, Column, Table, tabulate
 
 from ...rendering.blocks import Block, Paragraph, group
-
-if TYPE_CHECKING:
-    from tailstack.results.radiostereometry import DoubleExaminations, MarkerModel, Radiostereometry
 
 USUAL = (
     "Usual upper limits: condition number 150 /m, mean error of fitting 0.35 mm (Valstar et al., Acta Orthopaedica 76 "

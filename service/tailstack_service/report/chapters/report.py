@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from tailstack.results.digits import decimals_of
 from tailstack.results.score import targets_table, views_table
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
@@ -15,6 +13,7 @@ from ..charts import draw_distribution, draw_tolerances
 from ..dots import dots_blocks
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
+from ..records import Report
 from .layout import beads_table, layout_blocks, load_inside, score_if_determined
 from .optimisation import (
     certificate_blocks,
@@ -40,9 +39,6 @@ from .score import (
 )
 from .tables import closing_sections, provenance_facts
 from .verification import sampling_blocks
-
-if TYPE_CHECKING:
-    from ..records import Report
 
 
 def report_document(report: Report, sha256: str) -> Document:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from math import hypot, inf
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 from tailstack.measures import MEASURE
 from tailstack.results import (
@@ -68,10 +67,8 @@ from ..charts import PHONE, Scaled, draw_levers, draw_scale, draw_shares
 from ..dots import dots_blocks
 from ..headline import headline_of
 from ..live_budget import live_budget
+from ..records import Allowance, Headline
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
-
-if TYPE_CHECKING:
-    from ..records import Allowance, Headline
 
 LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from tailstack.results import Provenance, TargetScore, Verdict
 from tailstack.results.score import BudgetLine, budget_table
 from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
@@ -13,8 +14,6 @@ from tailstack.results.verdicts import assumed_sentence, checks_table, findings_
 from ...rendering.blocks import Block, Bullets, Facts, Section
 
 if TYPE_CHECKING:
-    from tailstack.results import Provenance, TargetScore, Verdict
-
     from ...gate.records import GateProvenance
     from ..records import Allowance
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from tailstack.montecarlo import MAX_TRIALS
+from tailstack.results import Verification
 from tailstack.results.digits import RESOLUTION_MM, in_percent, length, number, percent
 from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table
@@ -30,9 +30,6 @@ from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers, measures_blocks
 from .tables import closing_sections, provenance_facts, verdict_blocks
-
-if TYPE_CHECKING:
-    from tailstack.results import Verification
 
 
 def verification_document(check: Verification, sha256: str) -> Document:

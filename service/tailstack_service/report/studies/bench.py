@@ -14,6 +14,7 @@ from tailstack.results.look import BLUE, MUTED, VERMILION
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison
+from tailstack.studies.bench.levels import LevelCompared
 
 from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
@@ -26,7 +27,6 @@ from .study import compose_study
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from tailstack.studies.bench.levels import LevelCompared
 
 TAIL_ROWS, MOST_TAILS = 6, 4  # of a terminal and a page; a spreadsheet has all
 _IN_MM = partial(Column, unit="mm", kind="significant", digits=4)

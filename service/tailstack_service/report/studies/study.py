@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tailstack.results import Provenance
 from tailstack.results.tables import IN_DETAIL
 
 from ...rendering.blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
 from ..chapters.tables import closing_sections, provenance_facts
-
-if TYPE_CHECKING:
-    from tailstack.results import Provenance
 
 REPRODUCTION = (
     "design.yaml is the design of the hash named on the first page; the record of a study does not hold it. The same "

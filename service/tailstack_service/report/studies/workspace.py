@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
-from tailstack.studies.workspace import PLANES
+from tailstack.studies.workspace import PLANES, StudyWorkspace, WorkspaceField
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
 from ..charts import shade
@@ -16,7 +16,6 @@ from .study import compose_study
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from tailstack.studies.workspace import StudyWorkspace, WorkspaceField
 
 SQUARE, SHADES = 330, ("above 80 %", "to 80 %", "to 60 %", "to 40 %", "to 20 %")
 
