@@ -111,11 +111,6 @@ def check_ending(name: str) -> None:
         raise DesignError(Problem("", "unknown-format", detail, hint))
 
 
-def _format_of(name: str) -> str:
-    """Which of FORMATS a file that is to be written has."""
-    return next(ending for ending in FORMATS if name.lower().endswith(ending))
-
-
 def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
     """Read a file as what its content is.  Raises DesignError with file and line, LimitError."""
     check_ending(name)
@@ -158,7 +153,7 @@ def _origin(table: FiducialTable, name: str, sha256: str) -> FiducialOrigin:
 
 def write_fiducials(fiducials: FiducialList, name: str) -> str:
     """The text of a fiducial file in the format its name asks for: LPS, mm, every digit."""
-    ending = _format_of(name)
+    ending = next(ending for ending in FORMATS if name.lower().endswith(ending))
     if ending == ".mrk.json":
         every = {"positionStatus": "defined", "visibility": True, "selected": True, "locked": False}
         points = [

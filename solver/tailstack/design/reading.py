@@ -387,10 +387,6 @@ def scalar(text: str) -> Any:
     return text
 
 
-def _loader(text: str) -> Any:
-    return yaml.CSafeLoader(text) if yaml.__with_libyaml__ else yaml.SafeLoader(text)
-
-
 class _Open:
     """A collection whose end has not been read yet."""
 
@@ -415,7 +411,7 @@ def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, TextPos
         raise DesignError(_unseen_problem(text, found.start(), file, "remove it"))
     unseen = _Unseen(text, file)
     try:
-        loader = _loader(unseen.text)
+        loader = yaml.CSafeLoader(unseen.text) if yaml.__with_libyaml__ else yaml.SafeLoader(unseen.text)
         try:
             return _build(loader, file, limits, unseen)
         finally:
