@@ -150,12 +150,6 @@ def find(db: Database, job: Job) -> Job:
     return found
 
 
-def find_id(db: Database, job_id: str) -> Job:
-    found = jobs.find_job(db, "acme", job_id)
-    assert found is not None
-    return found
-
-
 def finish(db: Database, answer: bytes = b'{"answer":1}') -> None:
     """Compute whatever can be claimed, until nothing can."""
     while held := claim(db):

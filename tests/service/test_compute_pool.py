@@ -26,7 +26,7 @@ from family import die_with_parent, ended
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child, linux
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
-from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
+from tailstack_service.processes.frames import Defect, Died, GivenBack
 from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
@@ -83,14 +83,6 @@ def test_deaths_and_defects_are_told_with_their_cause(pool: PoolEngine) -> None:
         pytest.raises(Defect, match="no_such_mod"),
     ):
         engine.submit(task(), "x").result(LIMIT_SECONDS)
-
-
-def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As after an installation under a running worker: the one that is started next finds the new files."""
-    monkeypatch.setattr("tailstack_service.processes.birth.digest_code", lambda: "of the files that were here")
-    words = "were replaced since this process was started"
-    with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
-        engine.submit(task(), "late").result(LIMIT_SECONDS)
 
 
 def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:

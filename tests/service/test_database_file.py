@@ -237,11 +237,6 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def journal_mode(path: Path) -> str:
-    with closing(sqlite3.connect(f"{path.as_uri()}?immutable=1", uri=True)) as connection:
-        return str(connection.execute("PRAGMA journal_mode").fetchone()[0])
-
-
 @pytest.mark.parametrize("arguments", [["db", "check"], ["keys", "list"], ["keys", "log"]])
 @pytest.mark.parametrize("backup", [False, True])
 def test_nothing_is_changed(file: Path, arguments: list[str], backup: bool, tmp_path: Path) -> None:
@@ -612,15 +607,6 @@ def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: 
         with pytest.raises(DamagedStore):
             results.read_result(db, "acme", str(job.result_sha256))
         assert find(db, job).state == "failed"
-
-
-def test_a_key_whose_job_lost_its_answer_makes_a_fresh_job(store: Database) -> None:
-    job = finished_job(store, idempotency_key="k")
-    change(store, "UPDATE results SET body = ?", FORGED)
-    with pytest.raises(DamagedStore):
-        results.read_result(store, "acme", str(job.result_sha256))
-    again = submit(store, idempotency_key="k")
-    assert again.id != job.id
 
 
 @pytest.mark.parametrize(

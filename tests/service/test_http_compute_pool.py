@@ -552,17 +552,6 @@ def test_many_scores_at_once_are_all_answered_alike() -> None:
     assert all(answer == answers[0] for answer in answers)
 
 
-def test_yaml_and_json_designs_score_alike() -> None:
-    from tailstack.design.write import data_to_yaml
-
-    with client_with() as client:
-        by_json = client.post("/v1/scores", json={"design": small_design(), "second_order": True}).json()
-        text = data_to_yaml(small_design())
-        yaml = {"Content-Type": "application/yaml"}
-        by_yaml = client.post("/v1/scores?second_order=true", content=text, headers=yaml).json()
-    assert by_yaml == by_json
-
-
 @pytest.mark.long
 def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who writes waits for it, as long as anybody waits, and is then refused."""

@@ -12,21 +12,19 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
-from threading import Event, Thread
-from typing import IO, Any
+from typing import Any
 
 import pytest
 from postgres import Server
 from service_scenes import ROOT
-from store_scenes import LEASE, Clock, claim, claim_one, find, find_id, record, specs, split, submit, url_of
+from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
 from family import die_with_parent, ended
 from tailstack_service import clock as clocks
-from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, usage, workers
+from tailstack_service.jobs.store import database, jobs, queue, results, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.queue import Claim
@@ -46,69 +44,6 @@ class TickingClock(clocks.Clock):
 
     def time(self) -> float:
         return 1.8e9 + 0.002 * next(self._ticks)
-
-
-# A worker without a pool: claims, computes nothing, records, until a file is there.  Prints what it recorded, an empty
-# line when it found nothing to claim, and "held" when it has its first units, which it keeps until another file is
-# there.
-WORKER = """
-import sys
-from datetime import UTC, datetime
-from pathlib import Path
-from threading import Event
-from strange_units import wait_for
-from tailstack_service.jobs.store import queue
-from tailstack_service.jobs.store.schema import open_database
-from tailstack_service.processes.task import ADVANCE, Outcome
-
-url, name, lease_seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
-go, enough = Path(sys.argv[4]), Path(sys.argv[5])
-db, first = open_database(url), True
-print("ready", flush=True)
-while not enough.exists():
-    held = queue.claim(
-        db, worker_id=name, solver_version="1.0", lease_seconds=lease_seconds, limit=3, max_attempts=1000, max_deaths=5
-    )
-    if not held:
-        print(flush=True)
-        Event().wait(0.005)
-    elif first:
-        print("held", flush=True)
-        wait_for(go)
-        first = False
-    for one in held:
-        if one.spec != ADVANCE:
-            outcome = Outcome(0.1, result=one.request + one.spec)
-        elif one.results:
-            outcome = Outcome(0.1, answer=b"[" + b",".join(unit.result for unit in one.results) + b"]")
-        else:
-            outcome = Outcome(0.1, more=(b'{"u":1}', b'{"u":2}', b'{"u":3}'))
-        if queue.record(db, one, outcome, max_job_seconds=100.0):
-            print(one.job_id, one.index, flush=True)
-db.close()
-"""
-
-
-def expected_answer(request: bytes) -> bytes:
-    return b"[" + b",".join(request + b'{"u":%d}' % number for number in (1, 2, 3)) + b"]"
-
-
-@contextmanager
-def worker_process(
-    db: Database, name: str, folder: Path, lease_seconds: float = 1.0
-) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
-    """A worker that is ready, and what it says; in ``folder`` the files ``go`` and ``enough`` that it looks for."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", WORKER, url_of(db), name, str(lease_seconds), folder / "go", folder / "enough"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": PATH},
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        yield process, process.stdout
 
 
 def check_sound(db: Database) -> None:
@@ -131,60 +66,6 @@ def test_threads_that_claim_at_once_never_get_the_same_unit(store: Database) -> 
     with ThreadPoolExecutor(6) as pool:
         taken = [index for mine in pool.map(take, [f"w{k}" for k in range(6)]) for index in mine]
     assert sorted(taken) == list(range(1, 121))
-
-
-@pytest.mark.long
-def test_processes_share_the_work_and_record_each_unit_once(store: Database, tmp_path: Path) -> None:
-    requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(40)}
-    with (
-        worker_process(store, "w1", tmp_path, lease_seconds=600.0) as one,
-        worker_process(store, "w2", tmp_path, lease_seconds=600.0) as two,
-    ):
-        for _, said in (one, two):  # both have their share
-            assert next(line for line in said if line.strip()) == "held\n"
-        (tmp_path / "go").touch()
-        until(lambda: all(find_id(store, job_id).is_over for job_id in requests))
-        (tmp_path / "enough").touch()
-        lines = [[line for line in said.read().split("\n") if line] for _, said in (one, two)]
-    assert all(lines)
-    recorded = Counter(lines[0] + lines[1])
-    assert set(recorded.values()) == {1}
-    assert len(recorded) == 40 * 5
-    for job_id, request in requests.items():
-        job = jobs.find_job(store, "acme", job_id)
-        assert job is not None
-        assert answer_of(store, job) == expected_answer(request)
-    check_sound(store)
-
-
-def answer_of(db: Database, job: jobs.Job) -> bytes:
-    assert job.result_sha256 is not None, job
-    kept = results.read_result(db, job.tenant, job.result_sha256)
-    assert kept is not None
-    return kept.body
-
-
-@pytest.mark.long
-def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clock, tmp_path: Path) -> None:
-    """Six kills -9 at random moments (seed 5) in the middle of claims and records; leases of one second."""
-    (tmp_path / "go").touch()
-    dice = random.Random(5)
-    clock.now = datetime.now(UTC).timestamp()
-    requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(20)}
-    for number in range(6):
-        with worker_process(store, f"w{number}", tmp_path) as (process, said):
-            for _ in range(dice.randrange(12)):
-                said.readline()
-            for _ in range(dice.randrange(12)):  # meanwhile it goes on
-                find_id(store, next(iter(requests)))
-            process.kill()
-            process.wait(LIMIT_SECONDS)
-    check_sound(store)
-    with worker_process(store, "last", tmp_path):  # which takes up what the killed ones had
-        until(lambda: all(find_id(store, job_id).is_over for job_id in requests))
-    for job_id, request in requests.items():
-        assert answer_of(store, find_id(store, job_id)) == expected_answer(request)
-    check_sound(store)
 
 
 @pytest.mark.long
@@ -250,47 +131,6 @@ def kept_results(db: Database, name: str) -> int:
     with reading(db) as connection:
         found: int = connection.exec_driver_sql(f"SELECT count(*) FROM results WHERE sha256 = '{name}'").scalar_one()
     return found
-
-
-@pytest.mark.long
-def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
-    job = submit(store)
-    inside, leave = Event(), Event()
-
-    def write_slowly() -> None:
-        with writing(store) as connection:
-            connection.exec_driver_sql("UPDATE jobs SET note = 'not yet committed'")
-            inside.set()
-            leave.wait(LIMIT_SECONDS)
-
-    writer = Thread(target=write_slowly)
-    writer.start()
-    try:
-        assert inside.wait(LIMIT_SECONDS)
-        assert find(store, job) == job
-        assert jobs.list_page(store, "acme", limit=5).jobs == (job,)
-        assert len(events.read_events(store, "acme", job.id, 0, 5)) == 1
-        assert workers.list_workers(store) == []
-        assert writer.is_alive()  # who waited for it would have waited until it gave up
-    finally:
-        leave.set()
-        writer.join(LIMIT_SECONDS)
-    assert find(store, job).note == "not yet committed"
-
-
-def test_a_file_that_stays_locked_is_unavailable_and_nothing_is_wrong_afterwards(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(database, "BUSY_SECONDS", 0.1)
-    url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
-    here, there = open_database(url, migrate=True), open_database(url)
-    try:
-        with writing(there), pytest.raises(StoreUnavailable, match="locked"):
-            submit(here)
-        assert find(there, submit(here)).state == "queued"
-    finally:
-        here.close()
-        there.close()
 
 
 def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the_other(

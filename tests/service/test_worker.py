@@ -21,7 +21,7 @@ import psutil
 import pytest
 import sqlalchemy as sa
 from strange_units import begun, expected_answer, request, units_begun
-from worker_scenes import TENANT, VERSION, Stops, finished, job, prepared_database, submit, working
+from worker_scenes import TENANT, Stops, finished, job, prepared_database, submit, working
 
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
@@ -103,18 +103,6 @@ def test_a_job_is_computed_and_recorded_once(db: Database) -> None:
     assert [row.attempts for row in unit_rows(db, submitted)] == [1] * 7
 
 
-@pytest.mark.long
-def test_many_small_jobs_none_lost_none_doubled(db: Database, tmp_path: Path) -> None:
-    """Two workers on one database; every unit notes that it was begun."""
-    note = tmp_path / "note"
-    asked = [request(units=2, number=number, note=str(note)) for number in range(40)]
-    submitted = [submit(db, one) for one in asked]
-    with working(db, lease_seconds=600.0), working(db, lease_seconds=600.0):
-        ended = [finished(db, one) for one in submitted]
-    assert [answer(db, one) for one in ended] == [expected_answer(one) for one in asked]
-    assert len(note.read_text().splitlines()) == 40 * 4
-
-
 def test_what_ends_a_job_is_its_own_problem(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     with working(db):
         ended = finished(db, submit(db, request("refuse")))
@@ -140,17 +128,6 @@ def test_a_defect_fails_the_job_and_not_the_worker(db: Database, caplog: pytest.
     (line,) = told(caplog, "defect")
     assert "ArithmeticError: a defect, for the test of it" in line.getMessage()
     assert (line.job, line.request, line.unit) == (bad.id, "r-77", 1)  # type: ignore[attr-defined]
-
-
-@pytest.mark.long("postgresql")
-def test_a_poison_unit_fails_its_job_and_no_other(db: Database, caplog: pytest.LogCaptureFixture) -> None:
-    with working(db, max_unit_deaths=3):
-        poison, good = submit(db, request("die", units=2)), submit(db, request(units=4))
-        ended = finished(db, poison)
-        assert finished(db, good).state == "succeeded"
-    assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
-    assert "3 computing processes" in problem_of(ended)["detail"]
-    assert 3 <= len(told(caplog, "died")) <= 6  # three times of one unit, and of the other as often at most
 
 
 def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_another(
@@ -232,22 +209,6 @@ def test_a_late_record_is_refused(db: Database, tmp_path: Path, caplog: pytest.L
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
         assert job(db, submitted).units_done == 1
-
-
-@pytest.mark.long("postgresql")
-def test_an_upgrade_computes_anew_and_says_so(db: Database, tmp_path: Path) -> None:
-    asked = request("wait", units=3, held=[1, 2], until=str(tmp_path / "go"))
-    submitted = submit(db, asked)
-    with working(db, worker_processes=1, lease_seconds=600.0):
-        until(lambda: job(db, submitted).units_done >= 2)
-    assert not job(db, submitted).is_over
-    (tmp_path / "go").touch()
-    with working(db, solver_version="2.0"):
-        ended = finished(db, submitted)
-    assert (ended.solver_version, ended.generation) == ("2.0", 2)
-    assert answer(db, ended) == expected_answer(asked)
-    (event,) = [e for e in events.read_events(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
-    assert event.data == {"from": VERSION, "to": "2.0"}
 
 
 def test_a_code_of_the_same_version_computes_anew_and_says_so(db: Database) -> None:

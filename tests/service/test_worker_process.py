@@ -75,21 +75,6 @@ def test_a_stop_is_clean_and_leaves_no_process(
     assert "Traceback" not in told
 
 
-@pytest.mark.long
-def test_what_was_under_way_is_given_back_by_a_stop(database_url: str, tmp_path: Path) -> None:
-    with prepared_database(database_url) as db:
-        go = tmp_path / "go"
-        asked = request("wait", units=2, until=str(go))
-        submitted = submit(db, asked)
-        with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600") as worker:
-            until(lambda: (tmp_path / "log").read_text().count("action=begun") == 3)
-            worker.terminate()
-            assert worker.wait(LIMIT_SECONDS) == 0
-        go.touch()
-        with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600"):
-            assert computed(db, submitted, asked)
-
-
 PATIENT = """
 from tailstack_service.jobs import process, worker
 worker.STOPPING_SECONDS = 3600.0  # for the database to take units back: a stop that waits for it waits for ever
@@ -124,85 +109,6 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
             raw.cursor().execute("ROLLBACK")
             raw.close()
         assert psutil.wait_procs(beside, timeout=LIMIT_SECONDS)[1] == []
-
-
-@pytest.mark.long
-def test_kill_9_of_a_worker_costs_only_time(database_url: str, tmp_path: Path) -> None:
-    with prepared_database(database_url) as db:
-        go = tmp_path / "go"
-        asked = request("wait", units=6, held=[2, 3, 4, 5], until=str(go))
-        submitted = submit(db, asked)
-        with worker_process(database_url, tmp_path / "log") as first:
-            until(lambda: job(db, submitted).units_done >= 3)
-            beside = computing_processes(first)
-            first.kill()
-            first.wait(LIMIT_SECONDS)
-            assert psutil.wait_procs(beside, timeout=LIMIT_SECONDS)[1] == []
-        go.touch()
-        with worker_process(database_url, tmp_path / "log"):
-            assert computed(db, submitted, asked)
-
-
-@pytest.mark.long
-def test_a_frozen_worker_cannot_record(database_url: str, tmp_path: Path) -> None:
-    """Frozen for longer than its lease while another takes over; when it wakes, what it has comes too late.
-
-    Its unit is "late" where that is written before the heartbeat renews, "lost" otherwise.
-    """
-    with prepared_database(database_url) as db:
-        go = tmp_path / "go"
-        asked = request("wait", until=str(go))
-        with worker_process(database_url, tmp_path / "frozen", TAILSTACK_WORKER_PROCESSES="1") as frozen:
-            until(lambda: at_work(db))
-            submitted = submit(db, asked)
-            until(lambda: job(db, submitted).units_done == 1)
-            until(lambda: (tmp_path / "frozen").read_text().count("action=begun") == 2)
-            freeze(frozen.pid, db)
-            go.touch()
-            with worker_process(database_url, tmp_path / "other"):
-                assert computed(db, submitted, asked)
-                os.kill(frozen.pid, signal.SIGCONT)
-                until(lambda: {"late", "lost"} & set(words((tmp_path / "frozen").read_text())))
-        assert job(db, submitted).units_done == 3
-
-
-def freeze(pid: int, db: Database) -> None:
-    """Not while it holds the only write lock of a file, which nobody else would get then."""
-    if db.engine.dialect.name != "sqlite":
-        os.kill(pid, signal.SIGSTOP)
-        return
-    held = db.engine.raw_connection()
-    try:
-        held.cursor().execute("BEGIN IMMEDIATE")
-        os.kill(pid, signal.SIGSTOP)
-        held.cursor().execute("ROLLBACK")
-    finally:
-        held.close()
-
-
-def words(log: str) -> list[str]:
-    return [word.removeprefix("action=") for word in log.split() if word.startswith("action=")]
-
-
-@pytest.mark.long
-def test_a_database_restart_is_waited_for(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
-    """Immediate shutdown, as after a power cut, while units are computed; away for longer than a lease."""
-    with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
-        go, log = tmp_path / "go", tmp_path / "log"
-        asked = request("wait", units=8, held=[2, 3, 4, 5, 6, 7], until=str(go))
-        submitted = submit(db, asked)
-        until(lambda: job(db, submitted).units_done >= 3)
-        postgres_server.stop()
-        try:
-            go.touch()
-            # its own pauses, from 0.05 s on and twice as long each time: together they are longer than a lease
-            until(lambda: log.read_text().count("asks the database again soon") >= 6, log.read_text)
-            assert worker.poll() is None
-        finally:
-            postgres_server.start()
-        assert computed(db, submitted, asked)
-        assert worker.poll() is None
-    assert "action=store-unavailable" in (tmp_path / "log").read_text()
 
 
 @pytest.mark.long
