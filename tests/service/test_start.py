@@ -45,6 +45,11 @@ def test_a_command_makes_the_parser_of_its_verb_only() -> None:
     ("arguments", "without"),
     [
         (("version",), ("numpy", "pydantic", "yaml", "tailstack.design")),
+        (  # pydantic is: the options of every operation are models, from which the flags are made (0.1 s)
+            ("--help",),
+            ("numpy", "numba", "scipy", "casadi", "cvxpy", "matplotlib", "fastapi", "uvicorn", "httpx", "yaml",
+             "sqlalchemy"),
+        ),
         (
             ("validate", str(EXAMPLES / "demo.yaml")),
             ("numba", "llvmlite", "scipy", "jinja2", "tailstack.results.score"),

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from work_driver import run_job
 
-from family import run_python
 from optimise_documents import BOX, document
 from tailstack import TailstackError, load_design, optimise, score_batch, verify
 from tailstack.design import design_to_data
@@ -237,16 +236,6 @@ def test_a_defect_is_raised_and_not_told_to_the_user() -> None:
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=list(OPERATIONS))
 def test_every_operation_answers_with_a_published_schema(operation: Operation) -> None:
     assert json_schema(operation.name)["$id"] == f"urn:tailstack:schema:{operation.name}:1"
-
-
-def test_knowing_the_operations_loads_no_solver() -> None:
-    code = (
-        "import sys, tailstack_service.operations.registry\n"
-        "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'yaml', 'fastapi', 'sqlalchemy'} & set(sys.modules)\n"
-        "sys.exit(f'loaded: {heavy}' if heavy else 0)"
-    )
-    done = run_python("-c", code)
-    assert done.returncode == 0, done.stderr
 
 
 def test_canonical_bytes_do_not_depend_on_the_order_of_fields() -> None:
