@@ -192,16 +192,6 @@ def test_a_new_design_is_noted_and_held_to_its_limits_alone(changes: dict[str, A
     assert failing.exit_code == 1
 
 
-@pytest.mark.parametrize("changes", [{}, {"description": "the seat is new"}], ids=["same content", "same name"])
-def test_a_renamed_file_is_found_again(changes: dict[str, Any]) -> None:
-    base = plain_record(gate(noisier(1.0), noisier(1.0, name="another")))
-    renamed = {"d1.yaml": noisier(1.0, name="another"), "moved/there.yaml": noisier(1.0, **changes)}
-    assert not of_rule(judge_files(renamed, baseline=base), "regression")
-    worse = {"d1.yaml": noisier(1.0, name="another"), "moved/there.yaml": noisier(1.4)}
-    (finding,) = of_rule(judge_files(worse, baseline=base), "regression")
-    assert (finding.file, finding.severity) == ("moved/there.yaml", "error")
-
-
 def test_a_target_that_the_baseline_does_not_have_is_noted() -> None:
     targets = [{"name": "tip", "position_mm": [0.0, 0.0, 70.0]}, {"name": "shaft", "position_mm": [0.0, 0.0, 40.0]}]
     record = judge_files({"d0.yaml": limited(3 * P95, targets=targets)}, baseline=plain_record(gate(limited(3 * P95))))

@@ -87,18 +87,6 @@ def test_unicode_forms_are_one_name(tmp_path: Path, on_disk: str, in_pattern: st
     assert [finding.suppressed_by is None for finding in of_rule(record, "p95")] == [False]
 
 
-def test_a_waiver_holds_by_whatever_name(tree: Path) -> None:
-    accepted = write_document(tree / "tree" / "waivers.yaml", waivers_of_today("released/carrier.yaml"))
-    for folder, name in (
-        (tree / "tree", "released/carrier.yaml"),
-        (tree / "elsewhere", str(tree / "workspace" / "released" / "carrier.yaml")),
-        (tree / "tree" / "released", "carrier.yaml"),
-    ):
-        given = ["--policy", tree / "tree" / "policy.yaml", "--waivers", accepted]
-        code, record = gate_in(folder, name, *given)
-        assert (code, [finding.rule for finding in record.findings]) == (0, ["p95"]), (folder, name)
-
-
 def test_a_baseline_is_found_by_whatever_name(tree: Path) -> None:
     """Another design of the same folder went: by content, sections and names it is nobody's."""
     part, base = tree / "tree" / "released" / "carrier.yaml", tree / "tree" / "base.json"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gate_scenes import PASSING, TODAY, gate_in, of_rule, waivers_of_today, write_document
+from gate_scenes import PASSING, TODAY, gate_in, waivers_of_today, write_document
 from pydantic import BaseModel
 from service_scenes import limited
 
@@ -69,19 +69,6 @@ def test_no_name_has_a_folder_above_the_root(tmp_path: Path, monkeypatch: pytest
             assert not match_names(names, pattern), (words, names)
         assert match_names(names, "**/x.yaml"), words
         assert {name.lstrip("./") for name in names} <= {"designs/x.yaml", "x.yaml"}, (words, names)
-
-
-def test_a_clone_below_a_folder_that_a_class_or_waiver_names(tmp_path: Path) -> None:
-    root = tmp_path / "prototypes" / "guides"
-    (root / ".git").mkdir(parents=True)
-    write_document(root / "designs" / "x.yaml", limited(PASSING))
-    rules = write_document(root / "policy.yaml", policy("*/prototypes/*", "**/prototypes/**"))
-    accepted = write_document(root / "waivers.yaml", waivers_of_today("*/prototypes/*"))
-    code, record = gate_in(root, "designs/x.yaml", "--policy", rules, "--waivers", accepted)
-    assert (code, record.designs[0].design_class) == (1, None)
-    assert [finding.suppressed_by for finding in of_rule(record, "p95")] == [None]
-    write_document(root / "policy.yaml", policy("**/designs/*"))
-    assert gate_in(root, "designs/x.yaml", "--policy", rules)[0] == 0
 
 
 def test_a_policy_beside_the_repository_sees_names_from_its_root(tmp_path: Path) -> None:
@@ -250,27 +237,6 @@ def test_what_can_match_nothing_is_refused_over_http(pattern: str, sent: dict[st
         assert (problem.code, problem.pointer) == ("bad-pattern", document + pointer), field
         assert {**SLIPS, **OF_FILES}.get(pattern, "is a folder") in problem.detail
         assert problem.hint
-
-
-def test_what_can_match_nothing_is_refused_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """At its line, with 2, whatever the formats; each field once, and each slip once."""
-    (tmp_path / ".git").mkdir()
-    write_document(tmp_path / "designs" / "x.yaml", limited(PASSING))
-    slips = {**SLIPS, **OF_FILES, "designs": "is a folder"}
-    for number, (pattern, words) in enumerate(slips.items()):
-        fields = list(put(pattern).items())
-        field, (rules, waivers, pointer) = fields[number % 4 if pattern in SLIPS else (0, 3)[number % 2]]
-        given = ["--policy", write_document(tmp_path / "ci" / "policy.yaml", rules)]
-        given += ["--waivers", write_document(tmp_path / "waivers.yaml", waivers)] if waivers else []
-        code, record = gate_in(tmp_path, "designs/x.yaml", *given)
-        (finding,) = record.findings
-        assert (code, record.verdict) == (2, "not evaluated"), pattern
-        assert words in finding.message, (pattern, field)
-        file = "waivers.yaml" if waivers else "ci/policy.yaml"
-        assert (finding.file, finding.pointer) == (file, pointer)
-        line = (tmp_path / file).read_text(encoding="utf-8").splitlines()[(finding.line or 0) - 1]
-        assert "files" in line or "tolerances" in line or "designs" in line or line.strip().startswith("-"), line
-    capsys.readouterr()
 
 
 @pytest.mark.parametrize(
