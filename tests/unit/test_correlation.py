@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from plain_data import DEMO, EXAMPLES, problems_of
+from plain_data import DEMO, problems_of
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.design import compile_design
 from tailstack.errors import DesignError, TailstackError
@@ -383,10 +382,3 @@ def test_the_gate_reads_half_widths_of_a_covariance():
     assert found["hand_eye.rx"].half_width == pytest.approx(0.1)
     assert found["hand_eye.tz"].half_width == pytest.approx(0.04)
     assert found["hand_eye.tz"].pointer == "/execution/hand_eye/tolerances/covariance_deg_mm"
-
-
-def test_a_design_without_correlation_keeps_its_hash():
-    """Of the design as it was published before a design could say how tolerances go together."""
-    stated = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
-    kept = load_design(stated).document.interfaces.structure_connector.model_dump()["tolerances"]
-    assert set(kept) == set(NAMES)

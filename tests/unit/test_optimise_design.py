@@ -20,7 +20,7 @@ from optimise_documents import BOX, document, free, moving, normal, optimised
 from optimise_scenes import oracle_problem
 from plain_data import EXAMPLES, problems_of
 from tailstack.design import compile_design, design_to_data, load_design
-from tailstack.errors import DesignError, InfeasibleError, NotConvergedError, Problem, TailstackError
+from tailstack.errors import DesignError, NotConvergedError, Problem, TailstackError
 from tailstack.optimisation import course, influence, optimise
 from tailstack.optimisation.present import bring_inside, present_design
 from tailstack.optimisation.problem import present_choice
@@ -101,23 +101,6 @@ def test_the_record_is_plain_and_explains_itself() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("min_yield", [0.9, 0.99])
-def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_cost_at_the_limit(min_yield: float) -> None:
-    """independent: two limits, and the mean of the slopes at both.  A yield of 2,048 units is checked to a per cent, so
-    the check's margin costs some per cent; what a limit is worth is said without it, as ``cost_exact_law`` is.  The
-    quantile over units is smooth enough for the optimiser to settle: its first-order conditions hold."""
-    found = []
-    for limit in (0.995, 1.005):
-        data = document(limit_mm=limit, **moving(box=None, starts=1))
-        data["requirements"][0] |= {"risk": "per_unit", "min_yield": min_yield}
-        found.append(optimised(data))
-    slope = (found[1].cost_exact_law - found[0].cost_exact_law) / 0.01
-    assert np.mean([result.shadow_prices[0].cost_per_unit for result in found]) == pytest.approx(slope, rel=2e-3)
-    assert all(result.cost_after > 1.01 * result.cost_exact_law for result in found)
-    assert all(result.certificate.kkt_residual < 1e-3 for result in found)
-
-
-@pytest.mark.long
 def test_same_seed_same_document_whatever_the_threads() -> None:
     """Starts side by side, symmetry and a count: the new document and the sampled check to the last digit."""
     data = document(**moving(starts=3, symmetry={"mirror": {"normal": [1, 1, 0]}}, count={"min": 6, "max": 8}))
@@ -138,25 +121,6 @@ def test_another_seed_another_search_of_the_same_design() -> None:
     assert other.cost_after == pytest.approx(one.cost_after, rel=0.005)
     assert same.design["fiducials"] == other.design["fiducials"]
     assert same.certificate.verification.targets == other.certificate.verification.targets
-
-
-@pytest.mark.long
-def test_another_quantile_of_another_error() -> None:
-    """independent: every sample of the region meets the limit under the score and the check of the new document."""
-    data = document(rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
-    data["targets"] = [{"name": "zone", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [20, 20, 20]}}}]
-    data["requirements"][0] |= {"quantile": 0.9, "error": "localisation", "limit_mm": 0.6}
-    result = optimised(data)
-    checks = result.certificate.verification.verdict.checks
-    assert len(checks) == 8
-    assert {(item.quantile, item.error) for item in checks} == {(0.9, "localisation")}
-    assert max(item.interval[1] for item in checks) <= 0.6
-    scored = score(load_design(result.design), losses=False)
-    assert result.p95_after_mm == pytest.approx(max(t.localisation.p95_mm for t in scored.targets), rel=1e-9)
-    assert 0.59 < max(item.value for item in scored.verdict.checks) <= 0.6
-    # interface 2 comes after localisation: nothing depends on it
-    widths = [item.after_half_width for item in result.tolerances if item.contributor == "connector_flange"]
-    assert widths == pytest.approx([0.5] * 2)
 
 
 def test_only_what_is_free_changes() -> None:
@@ -180,19 +144,6 @@ def test_a_flat_structure_is_cured() -> None:
     result = optimised(data)
     assert result.p95_before_mm is None
     assert 0.98 < result.p95_after_mm <= 1.0
-
-
-@pytest.mark.long
-def test_refusals_are_placed_in_the_users_file() -> None:
-    text = DEMO.read_text(encoding="utf-8").replace("min_spacing_mm: 12", "min_spacing_mm: 120")
-    (problem,) = problems_of(optimise, load_design(text), error=DesignError)
-    assert problem.pointer == "/optimise/min_spacing_mm"
-    assert problem.line == 1 + text[: text.index("min_spacing_mm: 120")].count("\n")
-    design = load_design(DEMO.read_text(encoding="utf-8").replace("limit_mm: 1.0", "limit_mm: 0.3"))
-    (problem,) = problems_of(optimise, design, starts=2, error=InfeasibleError)
-    assert problem.pointer == "/optimise"
-    assert "smallest P95" in problem.detail
-    assert "hand_eye" in problem.detail  # 0.3 mm that no rotation can buy back
 
 
 def test_a_design_without_freedom_is_refused() -> None:

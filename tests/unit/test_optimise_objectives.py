@@ -276,19 +276,6 @@ def test_a_start_from_a_hopeless_layout_is_counted_once() -> None:
     assert [optimum.starts for optimum in certificate.optima] == [1]
 
 
-@pytest.mark.long
-def test_the_bound_of_an_allocation_is_near_its_cost_and_not_above() -> None:
-    """By brute force (``test_optimise_allocation``) the bound is below; how near it may be is that of the exact law."""
-    tolerances = [free(*pair, **DEG) for pair in ((SEAT, "rx"), (FLANGE, "ry"))]
-    result = optimised(document(limit_mm=0.9, tolerances=tolerances))
-    relaxation = result.certificate.relaxation
-    assert relaxation.kind == "convex allocation"
-    assert relaxation.lower_bound is not None
-    assert result.cost_exact_law is not None
-    assert (1 - 1e-4) * result.cost_exact_law <= relaxation.lower_bound <= result.cost_exact_law
-    assert "is global" in relaxation.statement
-
-
 @pytest.mark.long("layout-not convex in the layout", "risk-risk per unit")
 @pytest.mark.parametrize(
     ("why", "words"),

@@ -11,7 +11,6 @@ from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 from math import exp, pi, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,8 @@ from tailstack.tail.declared import LinearLaw, law_quantile, law_summary
 from tailstack.verdict import decide
 
 DOCUMENT = yaml.safe_load((EXAMPLES / "mean_and_tail.yaml").read_text("utf-8"))
-SHIPPED = sorted(path for folder in (EXAMPLES, EXAMPLES / "gallery") for path in folder.glob("*.yaml"))
+
+
 SIGMA, LIMIT, P = 0.3, 0.5, 0.9
 CHI = {  # of the norm of so many standard normal numbers: mean, and its part beyond q
     1: (sqrt(2 / pi), lambda q: sqrt(2 / pi) * exp(-(q**2) / 2)),
@@ -263,20 +263,3 @@ def test_a_mean_of_quantiles_is_that_of_its_points(start: float) -> None:
         exact = beyond(stats.chi.ppf(start, dimension)) / (1 - start) if start else mean
         assert value == pytest.approx(exact, rel=1e-6)
     assert sum(weight for _, weight in from_quantile(start)) == pytest.approx(1, rel=1e-14)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_mean_and_cvar_of_shipped_designs_are_those_of_their_simulation(path: Path) -> None:
-    """Within 0.2 % and 4.5 standard errors where first order claims 1 % of P95 (wrong in 7e-6 of cases), else within
-    the interval that is told."""
-    data = yaml.safe_load(path.read_text("utf-8"))
-    data.pop("optimise", None)
-    data["requirements"] = [{"name": name, "statistic": name, "limit_mm": 1e3} for name in ("mean", "cvar")]
-    design = load_design(data, base_directory=path.parent)
-    first, drawn = score(design), verify(design, trials=2**20, seed=5)
-    exact = (first.validity.expected_error_percent or 100.0) <= 1.5
-    for check, sampled in zip(checks_of(first), checks_of(drawn), strict=True):
-        allowed = 4.5 * (sampled.upper - sampled.value) / 1.96 + (0.002 * sampled.value if exact else 0.0)
-        low, high = (sampled.value, sampled.value) if exact else (check.interval[0], check.upper)
-        assert low - allowed < (check.value if exact else sampled.value) < high + allowed

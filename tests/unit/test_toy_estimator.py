@@ -11,7 +11,6 @@ import json
 import os
 import shutil
 import sys
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -198,14 +197,6 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     answer: dict[str, Any] = json.loads(done.stdout)
     assert Path(answer["sources"]).is_relative_to(folder)
     return answer
-
-
-@pytest.mark.long
-def test_it_takes_few_files() -> None:
-    """The third is what editors show of it; a row in docs/estimators.md stands beside them."""
-    files = Counter(file for file, _, _ in EDITS)
-    assert len(files) <= 5
-    assert all((ROOT / "solver" / "tailstack" / file).is_file() for file in files)
 
 
 @pytest.mark.long
