@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
@@ -20,7 +19,6 @@ from tailstack_service.console.parser import spell_commands
 from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")
-Captured = tuple[int, str, str]
 
 
 def check_columns(text: str) -> None:
@@ -214,16 +212,6 @@ def test_an_infeasible_limit_is_1_and_explained(call: Any, tmp_path: Path) -> No
 
 
 # --- convert --------------------------------------------------------------------------------------
-
-
-def test_convert_there_and_back(call: Any, tmp_path: Path) -> None:
-    as_json, points, back = tmp_path / "demo.json", tmp_path / "points.mrk.json", tmp_path / "points.csv"
-    assert call("convert", DEMO, "-o", str(as_json))[:2] == (0, "")
-    assert call("convert", str(as_json), "-o", str(points))[0] == 0
-    assert call("convert", str(points), "-o", str(back))[0] == 0
-    first = yaml.safe_load(Path(DEMO).read_text())["fiducials"]["points"]
-    rows = [line.split(",") for line in back.read_text().splitlines()[-len(first) :]]
-    assert [(row[0], [float(v) for v in row[1:4]]) for row in rows] == [(p["label"], p["position_mm"]) for p in first]
 
 
 # --- refusals -------------------------------------------------------------------------------------

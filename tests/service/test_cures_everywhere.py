@@ -144,15 +144,6 @@ def test_no_way_is_told_where_none_is_known(client: httpx.Client, body: bytes, h
     assert hint == "" or not body
 
 
-def test_a_decimal_comma_between_braces_is_pointed_at_in_a_body_of_yaml(client: httpx.Client) -> None:
-    text = DEMO.read_text().replace("rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0,10,")
-    answer = client.post("/v1/scores", content=text.encode(), headers=YAML)
-    (entry,) = check_problem(answer, 400, "malformed-document")["errors"]
-    assert entry["pointer"] == "/interfaces/structure_connector/tolerances/rx/half_width_deg"
-    assert "write it with a point: 0.10" in entry["hint"]
-    assert entry["line"] == next(k for k, line in enumerate(text.splitlines(), 1) if "0,10" in line)
-
-
 def test_a_charset_that_is_not_taken_gets_the_way_to_utf_8(client: httpx.Client) -> None:
     for named in ("windows-1252", '"UTF-16LE"', "ISO-8859-1; boundary=x"):
         header = {"Content-Type": f"application/yaml; charset={named}"}
@@ -193,21 +184,6 @@ def test_points_that_are_sent_as_a_design(client: httpx.Client) -> None:
         assert (entry["code"], entry["pointer"]) == ("point-list", pointer)
         assert "fiducials.points" in entry["hint"]
         assert "fiducials.file" not in entry["hint"]
-
-
-def test_a_missing_file_of_fiducials_at_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    text = (EXAMPLES / "small_cluster_far_target.yaml").read_text()
-    (tmp_path / "fiducials").mkdir()
-    (tmp_path / "fiducials" / "marker8.csv").write_text("")
-    path = tmp_path / "design.yaml"
-    path.write_text(text.replace("fiducials/marker8.csv", "marker8.csv"))
-    line = next(k for k, each in enumerate(path.read_text().splitlines(), 1) if "file: marker8" in each)
-    assert main(["score", str(path)]) == 2
-    told = capsys.readouterr().err
-    assert f"{path}:{line}:9: /fiducials/file: no such file: marker8.csv; looked in {tmp_path}\n" in told
-    assert "  hint: did you mean fiducials/marker8.csv?\n" in told
-    assert main(["gate", str(path), "--mode", "analytic"]) == 2
-    assert f"design.yaml:{line}:9: error: no such file" in " ".join(capsys.readouterr().out.split())
 
 
 # --- alike findings -----------------------------------------------------------------------------------------

@@ -21,9 +21,7 @@ from tailstack.errors import Problem, TailstackError
 from tailstack_service.cli.main import build_parser, verbs
 from tailstack_service.console.refusals import NEXT, next_command
 from tailstack_service.environment import OTHERS, variable
-from tailstack_service.operations.request import read_options
-from tailstack_service.operations.study_comparison import ComparisonStudyOptions
-from tailstack_service.problems import CATALOGUE, RequestError
+from tailstack_service.problems import CATALOGUE
 from tailstack_service.schemas import TITLES, json_schema
 from tailstack_service.settings import GONE, Settings
 
@@ -225,12 +223,3 @@ def test_there_is_a_hint_to_hold() -> None:
         text.startswith("tailstack verify {file} --trials")
         for text in texts(ROOT / "service" / "tailstack_service" / "console" / "refusals.py")
     )
-
-
-def test_a_text_of_a_request_is_refused_in_the_words_of_a_document() -> None:
-    """A line break in a name was refused as "String should match pattern ..."."""
-    for name, words in (("a\nb", "holds a line break"), ("a" * 500, "has at most 400 characters")):
-        with pytest.raises(RequestError) as caught:
-            read_options(ComparisonStudyOptions, {"measurements": "-", "name": name}, ())
-        assert [problem.code for problem in caught.value.problems] == ["bad-text"]
-        assert words in caught.value.problems[0].detail
