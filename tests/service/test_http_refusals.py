@@ -572,10 +572,8 @@ def test_a_defect_after_the_head_is_logged_and_nothing_is_sent_behind_it(caplog:
         ("/v1/jobs/a;b=c:d@e", "/v1/jobs/a;b=c:d@e"),
     ],
 )
-def test_instance_is_the_path_as_a_uri_reference(path: str, instance: str) -> None:
-    with client_with() as client:
-        answer = client.get(path, headers={"Host": "localhost"})
-    document = check_problem(answer, 404, "not-found")
+def test_instance_is_the_path_as_a_uri_reference(client: httpx.Client, path: str, instance: str) -> None:
+    document = check_problem(client.get(path, headers={"Host": "localhost"}), 404, "not-found")
     assert document["instance"] == instance
 
 

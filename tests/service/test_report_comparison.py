@@ -8,12 +8,13 @@ import json
 import re
 from typing import Any
 
+import httpx
 import numpy as np
 import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
 from scipy.stats import norm
-from service_scenes import check_problem, client_with, coplanar_design, limited, small_design
+from service_scenes import check_problem, coplanar_design, limited, small_design
 from work_driver import run_job
 
 from tailstack import load_design, verify
@@ -242,11 +243,12 @@ OTHER = limited(0.9, targets=[{"name": "elsewhere", "position_mm": [0.0, 0.0, 60
         ({"first": limited(0.9), "second": limited(0.9), "third": 1}, 422, "invalid-request", "/third"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_compared_is_refused(sent: Any, status: int, slug: str, pointer: str) -> None:
-    with client_with() as client:
-        document = check_problem(client.post("/v1/comparisons", json=sent), status, slug)
-        assert document["errors"][0]["pointer"].startswith(pointer)
-        assert client.get("/v1/jobs").json()["jobs"] == []
+def test_what_cannot_be_compared_is_refused(
+    client: httpx.Client, sent: Any, status: int, slug: str, pointer: str
+) -> None:
+    document = check_problem(client.post("/v1/comparisons", json=sent), status, slug)
+    assert document["errors"][0]["pointer"].startswith(pointer)
+    assert client.get("/v1/jobs").json()["jobs"] == []
 
 
 # --- what changed ---------------------------------------------------------------------------------

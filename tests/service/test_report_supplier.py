@@ -9,10 +9,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import httpx
 import openpyxl
 import pytest
 from pypdf import PdfReader
-from service_scenes import EXAMPLES, client_with
+from service_scenes import EXAMPLES
 
 from plain_data import DEMO
 from tailstack import load_design
@@ -115,12 +116,11 @@ def test_the_command_writes_every_form_and_refuses_what_is_not_for_a_supplier(
 
 
 @pytest.mark.parametrize("media", ["text/csv", "text/html", "application/json"])
-def test_a_service_hands_over_the_same_bytes(media: str) -> None:
+def test_a_service_hands_over_the_same_bytes(client: httpx.Client, media: str) -> None:
     form = media.rpartition("/")[2]
-    with client_with() as client:
-        answer = client.post("/v1/sheets", json={"design": DEMO}, headers={"Accept": media})
-        assert answer.status_code == 200
-        assert answer.content == hand_over(DEMO, form)
-        assert answer.headers["content-type"].startswith(media)
-        refusal = client.post("/v1/sheets", json={"design": DEMO, "seed": 3})
-        assert refusal.status_code == 422
+    answer = client.post("/v1/sheets", json={"design": DEMO}, headers={"Accept": media})
+    assert answer.status_code == 200
+    assert answer.content == hand_over(DEMO, form)
+    assert answer.headers["content-type"].startswith(media)
+    refusal = client.post("/v1/sheets", json={"design": DEMO, "seed": 3})
+    assert refusal.status_code == 422

@@ -19,6 +19,7 @@ from service_scenes import ROOT, write_json
 
 from plain_data import problems_of
 from tailstack import load_design
+from tailstack.optimisation import changes
 from tailstack.results.tables import Table
 from tailstack_service.audit import audit
 from tailstack_service.cli.main import build_parser
@@ -31,6 +32,13 @@ from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLE = load_design(EXAMPLE_DESIGN)
 STUDIES = [name for name in OPERATIONS if name.startswith("study-")]
+
+
+@pytest.fixture(autouse=True)
+def few_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The study of placement tries one change of each kind here."""
+    for name, tried in (("COUNTS", (1,)), ("SIZES", (2.0,)), ("ANGLES_DEG", (60.0,))):
+        monkeypatch.setattr(changes, name, tried)
 
 
 @cache

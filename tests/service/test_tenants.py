@@ -324,6 +324,9 @@ def test_a_key_opens_only_what_its_scope_says(place: Place, owned: Property, sco
         response = place.ask(name, values, bearer(place.keys[scope]))
         if needed == scope:
             assert response.status_code not in (401, 403), (name, response.text)
+            if response.status_code == 202:  # nobody waits for what it would compute
+                key = {"Authorization": bearer(place.keys[scope])}
+                place.client.post(f"{response.headers['location']}/cancel", headers=key)
             continue
         assert needed in check_problem(response, 403, "forbidden")["errors"][0]["detail"], name
         assert f'scope="{needed}"' in response.headers["www-authenticate"]

@@ -12,6 +12,7 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -269,7 +270,8 @@ def test_a_known_bias_that_leads_is_named_before_any_tolerance(
         assert "of the variance" not in judged
 
 
-def class_names() -> list[str]:
+@cache
+def class_names() -> frozenset[str]:
     """Those of more than one word, as they stand in the sources, in small letters."""
     names = {
         node.name.strip("_")
@@ -277,7 +279,7 @@ def class_names() -> list[str]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ClassDef)
     }
-    return sorted(name.lower() for name in names if len(re.findall("[A-Z]", name)) > 1)
+    return frozenset(name.lower() for name in names if len(re.findall("[A-Z]", name)) > 1)
 
 
 CYLINDER = {"base_mm": [0, 0, -80], "axis": [0, 0, 1], "height_mm": 80.0, "radius_mm": 40.0}
@@ -310,6 +312,6 @@ def test_a_refusal_is_of_whole_words(name: str) -> None:
     for problem in problems_of(optimise, load_design(REFUSED[name]), starts=1):
         told = f"{problem.detail} {problem.hint}"
         words = re.findall(r"[a-z]+", told)
-        assert not {*words} & {*class_names()}, told
+        assert not class_names().intersection(words), told
         assert not NOTHING.search(told), told
         assert problem.hint

@@ -118,7 +118,7 @@ def test_the_worst_loss_beside_bounded_components_is_that_of_brute_force(bias):
 def test_a_limit_on_each_unit_is_held_against_the_structure_without_the_lost():
     """brute force: the score of the structure that is left."""
     rng = np.random.default_rng(4)
-    system = limited(replace(random_system(rng, 9, 2), targets=neighbours(rng, 4)), risk="per_unit", min_yield=0.9)
+    system = limited(replace(random_system(rng, 9, 2), targets=neighbours(rng, 2)), risk="per_unit", min_yield=0.9)
     (found,) = score(system).losses
     for loss in (found.single, found.double):
         rest = taken(system, [system.fiducial_labels.index(label) for label in loss.lost])

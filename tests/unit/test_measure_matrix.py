@@ -155,8 +155,8 @@ def subject() -> Subject:
 
 
 @cache
-def subject_of_units() -> Subject:
-    return Subject(risk="per_unit", min_yield=0.9)
+def score_of_units() -> Score:
+    return score(Subject(risk="per_unit", min_yield=0.9).design, losses=False)
 
 
 def check_of(checks: Sequence[Check], measure: Measure) -> Check:
@@ -218,7 +218,7 @@ def meet_simulation(own: Subject, measure: Measure) -> None:
 
 def meet_units(own: Subject, measure: Measure) -> None:
     """independent: of what keeps its own P95 within the value 90 % do; the limit is beyond nearly all."""
-    check = subject_of_units().check(measure)
+    check = check_of(score_of_units().verdict.checks, measure)
     assert check.yield_fraction is not None
     assert (check.value <= check.limit) == (check.yield_fraction >= 0.9)
 

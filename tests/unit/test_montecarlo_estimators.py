@@ -323,12 +323,12 @@ CAP, CONFIDENCE = 2**15, 0.8
 
 @pytest.fixture(scope="module")
 def chain() -> tuple[ChainPlan, float]:
-    """A compiled chain with two targets, and P95 of the first from 2^23 trials of another seed: the error of that is a
-    sixteenth of what a run of ``CAP`` trials can tell."""
+    """A compiled chain with two targets, and P95 of the first from 2^21 trials of another seed: the error of that is an
+    eighth of what a run of ``CAP`` trials can tell."""
     plan = compile_plan(cios_system(targets=(target((0, 0, 70), "tip"), target((10, 0, 60), "shaft"))))
-    samples = simulate(plan, trials=2**23, seed=1_000_003, quantile=0.95, threads=2)
+    samples = simulate(plan, trials=2**21, seed=1_000_003, quantile=0.95, threads=2)
     tail = samples.of("tip").tail
-    return plan, float(tail[len(tail) - (2**23 - int(2**23 * 0.95))])
+    return plan, float(tail[len(tail) - (2**21 - int(2**21 * 0.95))])
 
 
 def decisions(chain: tuple[ChainPlan, float], factor: float, runs: int) -> dict[str, int]:

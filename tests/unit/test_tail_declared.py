@@ -383,6 +383,9 @@ def test_summary_of_two_sources(name):
     assert law_summary(law, p).exceedance is None
 
 
+SQUARE = linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2])
+
+
 def test_summary_of_other_laws():
     """closed form: the Gaussian's own functions; a square of half side 1, P(|e| <= r) = pi r^2 / 4 up to r = 1."""
     found = law_summary(linear_law([0.3, 0, 0.1], SPREAD), 0.95, 1.0)
@@ -392,13 +395,18 @@ def test_summary_of_other_laws():
     assert found.mean_norm_mm == norm_mean(mean, SPREAD)
     assert found.cvar_mm == norm_cvar(0.95, mean, SPREAD)
     assert found.exceedance == norm_sf(1.0, mean, SPREAD)
-    square = law_summary(linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2]), 0.5, 0.9)
-    assert square.quantile.method == SAMPLED_METHOD
-    assert square.quantile.quantile_mm == pytest.approx(sqrt(2 / np.pi), abs=5e-4)
-    assert square.exceedance == pytest.approx(1 - np.pi * 0.81 / 4, abs=5e-4)
-    assert square.mean_norm_mm == pytest.approx((sqrt(2) + np.log(1 + sqrt(2))) / 3, abs=5e-4)
+    square = law_quantile(SQUARE, 0.5)
+    assert square.method == SAMPLED_METHOD
+    assert square.quantile_mm == pytest.approx(sqrt(2 / np.pi), abs=5e-4)
+    assert law_exceedance(SQUARE, 0.9) == pytest.approx(1 - np.pi * 0.81 / 4, abs=5e-4)
     with pytest.raises(ValueError, match="limit must be >= 0"):
         law_summary(TWO_SOURCES["long"], 0.95, -1.0)
+
+
+@pytest.mark.long
+def test_the_mean_norm_of_a_square():
+    """closed form: the mean distance of a square's points from its middle."""
+    assert law_summary(SQUARE, 0.5).mean_norm_mm == pytest.approx((sqrt(2) + np.log(1 + sqrt(2))) / 3, abs=5e-4)
 
 
 def test_the_end_of_a_law_is_beyond_its_quantile():
