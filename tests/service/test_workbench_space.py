@@ -205,7 +205,7 @@ def test_beads_are_optimised_onto_the_surface_that_was_dropped_which_stays_out_o
     found = used(service.url, "surface", design, script="space.mjs", stl=stl, named=yaml.safe_dump(named))
     assert "drop that file on this page" in found["refused"]
     assert yaml.safe_load(found["named"])["optimise"]["region"] == part
-    assert found["title"] == "Optimisation with beads on part.stl"
+    assert (found["title"], found["basis"]) == ("Optimisation with beads on part.stl", "simulation")
     before, taken = yaml.safe_load(design), yaml.safe_load(found["taken"])
     assert taken["optimise"] == before["optimise"]
     places, old = (np.array([each["position_mm"] for each in data["fiducials"]["points"]]) for data in (taken, before))

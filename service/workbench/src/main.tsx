@@ -20,7 +20,7 @@ import { shownComment } from "./parts/Pin";
 import { PlaceSwitches } from "./parts/Places";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
-import { Requirements, Verdict } from "./parts/Verdict";
+import { History, Requirements, Verdict } from "./parts/Verdict";
 import { Fold, listed, Tip, WordList } from "./parts/Words";
 import { comments, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
@@ -119,6 +119,7 @@ function Workbench() {
   return (
     <>
       <Verdict />
+      <History />
       <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
           <Minute />

@@ -4,6 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { answer, current, type Score, type TargetScore } from "./api";
+import { equal } from "./document";
 import { results } from "./jobs";
 import { gesture, type Json, position, steps, text } from "./state";
 import { decimalsOf, trust } from "./words";
@@ -79,11 +80,18 @@ export function compare<K extends Kind>(now: Reading<K>, before: Reading<K>): Ch
   return of(now) === of(before) && from !== to ? { kind: now.kind, from, to, decimals } : null;
 }
 
+/** Optima that are the design on the page but for what might change, on which no number of it rests. */
+const twins = computed(() => {
+  const bare = ({ optimise, review, ...rest }: Json) => rest, own = bare(answer.value?.design ?? {});
+  return Object.values(results.value).filter((record: Json) => record.certificate && equal(bare(record.design ?? {}), own));
+});
+
 /** What a simulation showed of a design, null where the page knows of none; of several, that with the most shots. */
 export function simulationOf(sha: string | null | undefined): Reading<"simulation"> | null {
   if (!sha) return null;
+  const same = sha === answer.value?.score.provenance.design_sha256 ? twins.value : [];
   const found = Object.values(results.value).flatMap((record: Json): Verification[] => {
-    if (record.provenance?.design_sha256 !== sha) return [];
+    if (record.provenance?.design_sha256 !== sha && !same.includes(record)) return [];
     const own = record.verification ?? record.certificate?.verification ?? record; // a report's, an optimum's, or itself
     return KINDS[own.schema] === "simulation" ? [own] : [];
   });

@@ -1,7 +1,7 @@
 // The limit as a handle: how it is dragged.  See tests/service/test_workbench_limit.py.
 import { asked, axe, begun, centre, drawn, newContext, state, tell, timeless, unfold, unhurried, wide } from "./page.mjs";
 
-const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.locator(".rail [role=status]").innerText();
+const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.getByTestId("pulled").innerText();
 const numberOf = async (page, of, what = "aria-valuenow") => Number(await handle(page, of).getAttribute(what));
 const settled = (page) => page.waitForFunction(() => document.querySelector(".rail")?.dataset.waits === "false" && window.workbench.state().current && !window.workbench.state().busy, null, { polling: 20 });
 

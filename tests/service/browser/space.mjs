@@ -127,6 +127,7 @@ scenarios.surface = async () => {
   await page.locator(".run").first().waitFor();
   found.title = await page.locator(".run strong").first().innerText();
   await current(page);
+  found.basis = await page.locator("section.verdict").getAttribute("data-basis");
   found.axe = await axe(page);
   if (asked.shot) await page.screenshot({ path: asked.shot });
   return found;

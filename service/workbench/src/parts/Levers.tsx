@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { answer, askWhenQuiet, current, refused, type Score, send } from "../api";
 import { freesBeads } from "../beads";
-import { answering, estimated, known, standing } from "../readings";
+import { answering, estimated, known, shown as reading, standing } from "../readings";
 import { design, gesture, type Json, opened } from "../state";
 import { mm, sign } from "../words";
 import { pulling } from "./Limit";
@@ -52,7 +52,7 @@ const HOW: Record<Lever["how"], string> = { perfect: "were it perfect", least: "
 /** The two that lead furthest, where they would be best, or that nothing leads within the limit: in the strip. */
 export function Reach() {
   const of = shown.value;
-  if (!of || of.old || !of.levers.length || !standing.value.holds || answer.value!.score.verdict.status === "pass") return null;
+  if (!of || of.old || !of.levers.length || !standing.value.holds || reading.value!.record.verdict.status === "pass") return null;
   const { levers, limit, unit, digits: d } = of, all = levers.find(({ name }) => name === "together"), beads = levers.find(({ name }) => name === "placement");
   if (all && limit !== null && all.value > limit) return <p class="note reach" data-kind="estimate">{`An optimisation leads no further than ${mm(all.value, d)}${sign(unit)}, by estimate: ${all.label}.`}</p>;
   const first = levers.filter(({ how, name }) => how !== "bound" && name !== "placement").slice(0, 2).map(({ label, value }) => `${label} ${mm(value, d)}`);

@@ -217,6 +217,10 @@ function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {
   return told ? `${cost}${found.moved_most ? `; ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
 }
 
+const waits = computed(() => drag.value !== null && (drag.value.at !== drag.value.heard || drag.value.done !== null));
+/** What the hand found, as long as it holds or its design is on the page. */
+const told = computed(() => (drag.value || moved.value.design === settled.value ? moved.value : null));
+
 // --- the handles -------------------------------------------------------------------------------------------------------
 
 /** A scale with what the design comes to and its limit, both to drag; and the limit to type. */
@@ -225,8 +229,7 @@ export function Limit() {
   if (!check) return null;
   const { unit, requirement } = check, d = estimated.value!.digits, end = now?.end ?? scaleFor(check), holds = standing.value.holds && !barred.value && !refused.value, path = limitOf(settled.value, requirement);
   const least = now ? now.least : rested.value?.found?.least ?? 0, place = (value: number) => `${(100 * Math.min(1, value / end)).toFixed(2)}%`;
-  const waits = now !== null && (now.at !== now.heard || now.done !== null);
-  const told = now ? moved.value : moved.value.design === settled.value ? moved.value : null, offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
+  const offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
   const where = { limit: now?.of === "limit" ? now.at : check.limit, value: now?.of === "value" ? now.at : check.value };
   const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at}${sign(unit)}, cheapest half-widths`, keys ? PRESSES : 0);
   const keep = (text: string) => {
@@ -261,20 +264,26 @@ export function Limit() {
         }} />
     );
   };
-  const words = barred.value ? barred.value : told ? wordsOf(told, d, true) : rested.value ? wordsOf(rested.value, d, false) : "";
   return (
-    <div class={`rail ${holds ? "" : "outdated"}`} role="group" aria-label="Drag the limit" data-kind="estimate" data-waits={String(waits)}>
+    <div class={`rail ${holds ? "" : "outdated"}`} role="group" aria-label="Drag the limit" data-kind="estimate" data-waits={String(waits.value)}>
       <div class="ruler" ref={rail}>
-        <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={`not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
+        <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={rested.value ? wordsOf(rested.value, d, false) : `not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
         {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
       </div>
       <form class="controls" onSubmit={(event) => { event.preventDefault(); keep(field.current!.value); }}>
         <label><Term word="limit" quiet>Keep</Term> <input key={`${requirement} ${check.limit}`} ref={field} type="text" inputMode="decimal" size={5} defaultValue={stated(check.limit, d)} aria-label={`Keep ${requirement} within, ${unit}`} onInput={(event) => event.currentTarget.setCustomValidity("")} />{sign(unit)}</label>
         <button type="submit" disabled={!holds || now !== null} title="the cheapest half-widths that keep it at this layout; locked ones stay">{`at least cost${offer ? `: ${offer.cost_before === null ? "" : `${brief(offer.cost_before)} → `}${brief(offer.cost_after)}` : ""}`}</button>
       </form>
-      <p class={`note ${waits || late.value ? "old" : ""} ${told?.problem ? "bad" : ""}`} role="status" title={words}>{words}</p>
     </div>
   );
+}
+
+/** What the hand found, or why it finds nothing; how low the limit could be is only for those who ask, or cannot see. */
+export function Pulled() {
+  if (!judged.value) return null;
+  const now = told.value, at = rested.value, d = estimated.value!.digits, words = barred.value || (now ? wordsOf(now, d, true) : at ? wordsOf(at, d, false) : "");
+  const shown = barred.value || now || (at && at.found?.status !== "kept");
+  return <p class={`${shown ? "note" : "hidden"} ${waits.value || late.value ? "old" : ""} ${now?.problem ? "bad" : ""}`} data-kind="estimate" data-testid="pulled" role="status">{words}</p>;
 }
 
 // Another text under the hand, or a service that is away, ends a drag: what it showed is of nothing that is there

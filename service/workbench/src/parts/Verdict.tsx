@@ -15,7 +15,7 @@ import { Checks, interval, limitWords, Measures } from "./Checks";
 import { NumberField } from "./Controls";
 import { Dots } from "./Dots";
 import { Reach } from "./Levers";
-import { Limit, limitOf } from "./Limit";
+import { Limit, limitOf, Pulled } from "./Limit";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
 import { Fold, Term } from "./Words";
@@ -74,12 +74,13 @@ export function Verdict() {
       </div>
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
       <Acts />
+      <div class="judged">
       {reading && <Limit />}
-      <History />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
-        {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
+        {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Pulled /><Findings reading={reading} /></div>}
+      </div>
       </div>
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)}${sign(unit)}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)}${sign(unit)} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
@@ -130,7 +131,7 @@ function Next() {
 }
 
 /** Back and on again: the last states, undo and redo. */
-function History() {
+export function History() {
   const undoes = canUndo.value ? `Undo: ${steps.value[position.value].what}` : "Undo", redoes = canRedo.value ? `Redo: ${steps.value[position.value + 1].what}` : "Redo";
   return (
     <div class="history" role="group" aria-label="History">
