@@ -289,6 +289,11 @@ class ErrorScore:
     summary: LawSummary
     search: LossSearch | None = None  # where fiducials are missed
 
+    @property
+    def times_apart(self) -> float:
+        """As the model has it."""
+        return self.model.times_apart(self.at.error)
+
     def law_at(self, quantile: float) -> ErrorLaw:
         """At the vertex that is worst for a quantile."""
         return self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
@@ -497,24 +502,26 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
     if not requirement.is_quantile:
         return _check_statistic(requirement, target, trust, error)
-    met, why = None, ""
-    level = requirement.level or Drawn.UNIT
+    met, why, measure = None, "", MEASURE[requirement.error]
+    level, percent = requirement.level or Drawn.UNIT, error_percent(trust, p) * error.times_apart
     if fraction is not None:
         risk = error.unit_risk(p, requirement.limit, fraction, level)
         value, met = risk.value_mm, risk.yield_fraction
         # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
         doubt = 3 * risk.standard_error_mm
-        interval = _error_band(max(value - doubt, 0.0), trust, p)[0], _error_band(value + doubt, trust, p)[1]
+        interval = _error_band(max(value - doubt, 0.0), percent)[0], _error_band(value + doubt, percent)[1]
         if shots is not None:
             interval, why = OPEN, f"no estimate is known of the risk of each {level} where fiducials are missed"
     elif shots is not None:
         value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
     else:
         value = (error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)).quantile_mm
-        interval = _error_band(value, trust, p)
-    if not (measure := MEASURE[requirement.error]).calibrated:
+        interval = _error_band(value, percent)
+    if shots is not None and measure not in POINTS:
+        interval, why = OPEN, f"no estimate is known of {measure.words} where fiducials are missed"
+    if error.model.doubt:
         interval = OPEN
-        why = f"how far the estimate of {measure.words} is from a simulation is not known{measure.first_order}"
+        why = f"how far the estimate of {measure.words} is from a simulation is not known: {error.model.doubt}"
     missed = shots is not None and fraction is None
     return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
@@ -532,12 +539,13 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     value = row.of_law(law_summary(law, p, limit) if shots is None else shots.law.summary(p, limit))
     assert value is not None
     why = ""
-    if not (measure.calibrated and row.calibrated):
+    doubt = error.model.doubt
+    if doubt or not row.calibrated:
         of = f"the {row.name} of {measure.words}"
-        why = f"how far the estimate of {of} is from a simulation is not known{measure.first_order}"
+        why = f"how far the estimate of {of} is from a simulation is not known" + (doubt and f": {doubt}")
     elif shots is not None:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
-    percent = error_percent(trust, row.trusted_as(p))
+    percent = error_percent(trust, row.trusted_as(p)) * error.times_apart
     if why or isinf(percent):
         return judge(requirement, target, value, OPEN, missed=shots is not None, open_because=why)
     times = 1 + percent / 100
@@ -547,12 +555,11 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     return judge(requirement, target, value, ends)
 
 
-def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
+def _error_band(value: float, percent: float) -> Interval:
     """Where the full chain's quantile lies if the linearisation is as good as its calibration says."""
-    percent = error_percent(trust, quantile)
     if isinf(percent):
         return OPEN
-    return (value_mm / (1 + percent / 100), value_mm * (1 + percent / 100))
+    return (value / (1 + percent / 100), value * (1 + percent / 100))
 
 
 def tightest_limit(system: System, target: str, error: str) -> float | None:

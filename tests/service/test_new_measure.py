@@ -41,7 +41,7 @@ def sites(design):
 
 MEASURE = Measure(
     name="axis_angle", words="the angle of the axis", brief=", angle", meaning="angle of the axis between two targets",
-    frame="tcp", sites=sites, unit="deg", calibrated=False,
+    frame="tcp", sites=sites, unit="deg",
 )
 '''
 WORDS = "the angle of the axis"

@@ -3,6 +3,7 @@ of Rockafellar and Uryasev on samples, by cvxpy."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -26,11 +27,11 @@ from tailstack.optimisation.request import read_request
 from tailstack.optimisation.search import search
 from tailstack.results import Relaxation
 
-SHIPPED = sorted(  # those with something to install, whose half-widths can be chosen
+SHIPPED = sorted(  # those with half-widths to choose from a range: values of a drawing are chosen one by one
     str(path.relative_to(EXAMPLES))
     for folder in (EXAMPLES, EXAMPLES / "gallery")
     for path in folder.glob("*.yaml")
-    if "interfaces:" in path.read_text(encoding="utf-8")
+    if "interfaces:" in (text := path.read_text(encoding="utf-8")) and not re.search(r"flatness_mm:|drawing:", text)
 )
 FREE = {"rotation_bounds": {"min_deg": 0.005, "max_deg": 1.0}, "starts": 1}
 CONTACTS = [

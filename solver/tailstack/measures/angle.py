@@ -56,5 +56,4 @@ MEASURE = Measure(
     sites=list_sites,
     needs="a target with entry: NAME of another, and both among those named",
     unit="deg",
-    calibrated=False,
 )

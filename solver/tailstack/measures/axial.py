@@ -12,6 +12,5 @@ MEASURE = Measure(
     frame="tcp",
     sites=at_each_direction(0, 1),
     needs=DIRECTED,
-    calibrated=False,
 )
 ONE_SIDED = on_each_side(MEASURE, lambda name: MEASURE.sites)

@@ -96,6 +96,5 @@ MEASURE = Measure(
     frame="tcp",
     sites=list_sites,
     needs="a target with entry: NAME of another and corridor_mm, and both among those named",
-    calibrated=False,
     paired=True,
 )

@@ -12,5 +12,4 @@ MEASURE = Measure(
     frame="tcp",
     sites=at_each_direction(1, 3),
     needs=DIRECTED,
-    calibrated=False,
 )

@@ -25,6 +25,7 @@ Sites = Callable[["Measured"], tuple["Site", ...]]
 DRAWN_ANEW = "both ends share all that is drawn, the noise of the images of these two targets excepted"
 TWO_SHOTS = "each end has images and a pose of its own: both share the unit and its mounting"
 SIDES = ("above", "below")  # 0, of an error with its sign
+ONE_SIDE = "what is known may take away nearly all of it"
 DIRECTED = "a target with direction: [x, y, z] in con, or entry: NAME of another"
 
 
@@ -102,6 +103,9 @@ class Site:
     """(6,) of two vectors: half-axes beyond the narrowest, within which lengths are equal; (1,) of one number that
     counts above 0 alone: it has no end on the other side."""
 
+    doubt: str = ""
+    """Why it is not known how far first order is from a simulation, behind a colon; empty: it was calibrated."""
+
     other_shot: str = ""  # name of a target whose errors are those of another shot of the same mounting; empty: none
 
     @property
@@ -128,9 +132,7 @@ class Measure:
     """Where it is read: nowhere, unless the design declares what it takes."""
     needs: str = "more targets, or all"  # what to declare, or to name, where a requirement finds no site
     unit: str = "mm"  # of e; the field of a limit is named after it
-    calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
     paired: bool = False  # whether e is two vectors, weights (6, 6), and its number the length of the longer
-    first_order: str = ""  # where that is of something else: behind why it decides nothing, what it is of
     side: str = ""  # one of ``SIDES``, where that alone counts of the measure that a requirement names
 
     @property
@@ -201,7 +203,7 @@ def on_each_side(base: Measure, sites_of: Callable[[str], Sites]) -> tuple[Measu
 
             asked, half = set(chain.from_iterable(design.demands.get(name, ()))), np.full(1, np.inf)
             return tuple(
-                replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half)
+                replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half, doubt=ONE_SIDE)
                 for site in sites_of(name)(design)
                 if asked.issuperset(site.weights)
             )

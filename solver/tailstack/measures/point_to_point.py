@@ -32,7 +32,8 @@ def site_between(start: MeasuredTarget, end: MeasuredTarget, to_tcp: Array) -> S
         longer = ((2 * line[:, None] + moved) * moved).sum(axis=0) / (reached + length)
         return np.stack([longer, np.zeros_like(longer), np.zeros_like(longer)])
 
-    return Site(f"{start.name} to {end.name}", {start.name: -weights, end.name: weights}, exact)
+    name, doubt = f"{start.name} to {end.name}", "what both ends have in common cancels to first order"
+    return Site(name, {start.name: -weights, end.name: weights}, exact, doubt=doubt)
 
 
 def sites(design: Measured) -> tuple[Site, ...]:
@@ -51,5 +52,4 @@ MEASURE = Measure(
     frame="tcp",
     sites=sites,
     needs="two targets or more, in different places",
-    calibrated=False,
 )

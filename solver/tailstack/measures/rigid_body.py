@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 NEWTON_STEPS = 8  # from no turn; each squares what is missing
 TURNED = 1e-9  # largest last step, rad, of a turn that is found
 FITTED = "of the rigid motion that fits the points of a body"
-FARTHEST = "; it is that of the point farthest from the centroid, and the largest is no less"
+FARTHEST = "it is that of the point farthest from the centroid, and the largest is no less"
+AGAINST = "what both bodies have in common cancels to first order"
 
 
 class BodyFit:
@@ -217,13 +218,14 @@ def sites_of(name: str) -> Sites:
             by_target, (each, exact) = fit.weights(), fit.ways()[name]
             of_tool = {target: np.einsum("kij,kjl->il", each, weights) for target, weights in by_target.items()}
             weights = {target: np.hstack([own, np.zeros((3, 3))]) for target, own in of_tool.items()}
-            found.append(Site(body.name, weights, exact))
+            doubt = FARTHEST if name == "worst_point" else AGAINST if body.against else ""
+            found.append(Site(body.name, weights, exact, doubt=doubt))
         return tuple(found)
 
     return sites
 
 
-def measure_bodies(name: str, words: str, meaning: str, unit: str = "mm", first_order: str = "") -> Measure:
+def measure_bodies(name: str, words: str, meaning: str, unit: str = "mm") -> Measure:
     """A measure of every body."""
     return Measure(
         name=name,
@@ -234,8 +236,6 @@ def measure_bodies(name: str, words: str, meaning: str, unit: str = "mm", first_
         sites=sites_of(name),
         needs="bodies: [{name: ..., targets: [three or more]}] of the design, and those targets or its name",
         unit=unit,
-        calibrated=False,
-        first_order=first_order,
     )
 
 
@@ -246,6 +246,5 @@ MEASURES = (
         "worst_point",
         "the error of the body's worst point",
         "largest error of any point of a body, in radiostereometry MTPM",
-        first_order=FARTHEST,
     ),
 )

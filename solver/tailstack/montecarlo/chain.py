@@ -82,13 +82,13 @@ def measure_trials(plan: ChainPlan, seed: int, first: int, errors: Array) -> Arr
 def run_other_shots(plan: ChainPlan, seed: int, first: int, count: int) -> Array:
     """Errors (T, 2, 3, n) of another shot, of the same unit and mounting, of trials first ... first + count - 1."""
     indices = np.arange(first, first + count, dtype=np.int64)
-    z, columns = draw(plan, seed, indices), _columns_of_shots(plan)
+    z, columns = draw(plan, seed, indices), columns_of_shots(plan)
     z[:, columns] = draw(plan, seed, indices, OTHER_STREAM)[:, columns]
     return np.moveaxis(evaluate(plan, z), 0, -1)
 
 
 @lru_cache(maxsize=PLANS)
-def _columns_of_shots(plan: ChainPlan) -> NDArray[np.int64]:
+def columns_of_shots(plan: ChainPlan) -> NDArray[np.int64]:
     """The deviates that are drawn at each shot, not once per unit or mounting."""
     blocks = compile_plan(plan.system, held=BETWEEN_SHOTS).blocks
     return np.concatenate([np.arange(each.start, each.stop) for each in blocks if each.stream == SHOT])

@@ -8,8 +8,8 @@ sources are second order and left out; ``second_order`` and the Monte Carlo acco
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import nan
+from dataclasses import dataclass, field, replace
+from math import inf, nan, sqrt
 from typing import NamedTuple, assert_never
 
 import numpy as np
@@ -315,6 +315,27 @@ class ErrorModel:
     known: tuple[KnownShift, ...]  # parts of the biases
     blocks: tuple[Block, ...]
     room: Array | None  # of ``Site``
+    parts: tuple[tuple[ErrorModel, Array], ...] = field(default=(), kw_only=True)
+    """Models at the targets that it joins, with their weights (3, 6) or (6, 6)."""
+    doubt: str = field(default="", kw_only=True)  # of ``Site``
+
+    def times_apart(self, error: str) -> float:
+        """How many times larger the error would be if nothing of those at the targets that it joins cancelled: by so
+        much more may its first order be off; inf where all of it does."""
+        if not self.parts:
+            return 1.0
+        most = sum(
+            float(np.linalg.norm(weights[:, 3 * k : 3 * k + 3], 2)) ** 2 * model.second_moment(point.name)
+            for model, weights in self.parts
+            for k, point in enumerate(POINTS)
+        )
+        own = self.second_moment(error)
+        return max(1.0, sqrt(most / own)) if own else inf if most else 1.0
+
+    def second_moment(self, error: str) -> float:
+        """Mean square of the error's length; what is bounded counts by its half-width."""
+        random = sum(float(((block.gain(error) * block.spread) ** 2).sum()) for block in self.blocks)
+        return random + float((self.bias_mm(error) ** 2).sum())
 
     def bias_mm(self, error: str) -> Array:
         return self.biases[error]
@@ -415,7 +436,7 @@ def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> Erro
             shifts[key] = shifts.get(key, 0.0) + weigh(weights, known.of)
     bias = np.sum([weigh(weights, model.bias_mm) for model, weights in parts], 0)
     shared = tuple(KnownShift(*key, {measure.name: shift}) for key, shift in shifts.items())
-    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks), site.room)
+    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks), site.room, parts=tuple(parts), doubt=site.doubt)
 
 
 class ValidityGrounds(NamedTuple):
