@@ -29,7 +29,7 @@ from tailstack.design import Design, compile_design, design_to_data
 from tailstack.errors import TailstackError
 from tailstack.optimisation.cost_bound import bound_any_layout
 from tailstack.optimisation.exact_law import evaluate_demand
-from tailstack.optimisation.global_bound import certify_layout, law_with, net_of, why_none
+from tailstack.optimisation.global_bound import certify_layout, law_with, net_about, why_none
 from tailstack.optimisation.problem import PlacementProblem, present_choice
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.terms import DemandTerms, every_terms
@@ -92,7 +92,7 @@ def measure(name: str, design: Design) -> Row:
     whole = process_time() - begun
     problem = read_request(load_design(found.design, base_directory=design.source.directory)).problem
     terms, here = every_terms(problem), present_choice(problem)
-    net_of.cache_clear()
+    net_about.cache_clear()
     begun = process_time()
     told = certify_layout(problem, terms, here)
     cheapest = bound_any_layout(problem, terms, here.half_width, found.cost_after, 0.0)

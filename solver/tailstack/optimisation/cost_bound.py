@@ -242,7 +242,11 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         if above is not None:
             least, tangents = max(least, above.least), above.tangents
             least = max(least, _least_cost(problem, allowed, tangents, low, high)) if tangents else least
-        touched = bool(tangents) and held.any() and np.array_equal(tangents[0].at[held], low[held])
+        # The cell's own would touch no better where these do within it, or stand at the same half-widths that are held
+        touched = bool(tangents)
+        if tangents:
+            inside = (low <= tangents[0].at) & (tangents[0].at <= np.where(held, low, high))
+            touched = bool((inside[held] if held.any() else inside).all())
         if least >= best * (1 - NEAR) or (not touched and ratio(low) > 1):
             return None
         if not touched and ratio(reach := np.where(held, low, high)) > 1:

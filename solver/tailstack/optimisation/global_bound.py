@@ -186,12 +186,17 @@ def _slopes_by_images(term: DemandTerms, half_width: Array, images: Array) -> Ar
     return mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
 
 
-@lru_cache(maxsize=8)
 def net_of(problem: PlacementProblem, term: DemandTerms) -> Net:
     """Of all that a problem leaves free, for one demand.  Raises NoBound, with the reason."""
     if reason := why_none(problem, term):
         raise NoBound(reason)
-    return find_net(information_of(problem, term))
+    return net_about(problem, tuple(term.reconstructed_mm[0].tolist()), _counts_made(problem, term))
+
+
+@lru_cache(maxsize=8)
+def net_about(problem: PlacementProblem, target_mm: tuple[float, ...], made: bool) -> Net:
+    """That of every demand at one target."""
+    return find_net(information_about(problem, np.array(target_mm), made))
 
 
 def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choice: Choice) -> GlobalBound:
@@ -334,8 +339,13 @@ def least_quantile(law: LinearLaw, p: float) -> float:
 def information_of(problem: PlacementProblem, term: DemandTerms, every_law: bool = False) -> Information:
     """Of the images of the target of a demand and of all fiducials, wherever they may be; with manufacturing errors of
     ``every_law``, or of those that a quantile is bounded with."""
+    return information_about(problem, term.reconstructed_mm[0], every_law or _counts_made(problem, term))
+
+
+def information_about(problem: PlacementProblem, target: Array, with_made: bool) -> Information:
+    """The same of a target (3,) mm as the estimator sees it, with manufacturing errors or without."""
     system, estimation = problem.system, problem.estimation
-    target, turn, shift = term.reconstructed_mm[0], estimation.assumed_turn, estimation.assumed_shift_mm
+    turn, shift = estimation.assumed_turn, estimation.assumed_shift_mm
     noise = estimation.imaging.estimation
     whiten = np.linalg.inv(np.stack([noise.noise_of(kind) for kind in (0, 1)]))
     projections = estimation.projections.copy()
@@ -354,7 +364,7 @@ def information_of(problem: PlacementProblem, term: DemandTerms, every_law: bool
         place = places.get(i)
         region = BoxRegion(position, position) if place is None else place.region
         each = (i,) if place is None else place.fiducials
-        std = system.manufacturing_std_mm[list(each)] * (every_law or _counts_made(problem, term))
+        std = system.manufacturing_std_mm[list(each)] * with_made
         made = np.stack([turn * axis for axis in std])
         sees = system.sees[:, list(each)].T > 0
         maps = tuple(assume @ copies[k] for k in range(len(each)))
