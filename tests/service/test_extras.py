@@ -75,7 +75,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
     """A command in a Python that does not have these modules."""
     code = f"import sys; sys.modules.update(dict.fromkeys({without!r})); sys.argv[0] = 'tailstack'\n"
     code += "from tailstack_service.cli.main import command; command()"
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(("TAILSTACK_", "OMP_"))}
     variables |= {"PYTHONPATH": SOURCES, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
     return run_python("-c", code, *arguments, env=variables, cwd=folder)
 
@@ -188,6 +188,7 @@ def test_doctor_lists_what_is_left_out(tmp_path: Path) -> None:
     done = tailstack("doctor", without=MODULES_OF["serve"], folder=tmp_path)
     assert "not installed: serve; for all of them:" in " ".join(done.stdout.split())  # lines are wrapped
     assert command("serve") in [line.strip() for line in done.stdout.splitlines()]  # ... but those that are copied
+    assert "OMP_NUM_THREADS 1" in " ".join(done.stdout.split())  # a command's, unless its user says otherwise
     assert "FAIL" not in done.stdout
     assert done.returncode == 0
 

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
-from tailstack.kernels.process import ignore_settings_of_folder, prepare_with
+from tailstack.kernels.process import SINGLE_THREADED, ignore_settings_of_folder, prepare_with
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -180,6 +180,8 @@ def _speak_utf8_where_possible() -> None:
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
     ignore_settings_of_folder()
+    for name, threads in SINGLE_THREADED.items():
+        os.environ.setdefault(name, threads)
     sys.unraisablehook = _repeat_interrupt
     gc.set_threshold(300_000)  # a start makes a quarter of a million objects: the usual 700 searches them 330 times
     gc.callbacks.append(_search_more_often)

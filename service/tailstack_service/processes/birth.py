@@ -24,6 +24,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
+from tailstack.kernels.process import SINGLE_THREADED
 from tailstack.kernels.sources import SourceFile, digest_of_all, read_sources
 from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
@@ -210,13 +211,6 @@ def _peek(line: socket.socket, flags: int) -> bytes:
 
 # --- the interpreter, the code, the environment ---------------------------------------------------------
 
-# Processes are the unit of parallelism here, and the libraries' own threads would fight with them.
-SINGLE_THREADED = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
 # Arrow's own allocator takes a gigabyte of address space that a limit on memory would count, and its thread would be on
 # one side of a fork only
 ALLOCATORS = {"ARROW_DEFAULT_MEMORY_POOL": "system", "JE_ARROW_MALLOC_CONF": "background_thread:false"}

@@ -6,6 +6,14 @@ import os
 from collections.abc import Callable
 
 SETTINGS_OF_FOLDER = ".numba_config.yaml"  # numba reads it from the folder in which a process starts
+# Matrices are small here.  Processes and the threads of a search are the unit of parallelism; the libraries' own would
+# fight with them, waiting for one another in loops.
+SINGLE_THREADED = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
 _preparations: list[Callable[[], None]] = []
 
 
