@@ -142,7 +142,8 @@ def list_guesses(unstated: frozenset[str], lengths: tuple[str, ...]) -> list[str
     return [
         *(f"/views/{k}/{field}" for k in (0, 1) for field in of_view),
         "/fiducials/manufacturing",
-        "/interfaces",
+        "/interfaces/structure_connector",
+        "/interfaces/connector_flange",
         *(["/targets/0/position_mm"] if "target" in unstated else []),
         *(["/requirements/0/limit_mm"] if "limit_mm" in unstated else []),
     ]

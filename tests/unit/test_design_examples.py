@@ -196,6 +196,7 @@ def hash_of_all(design):
     """independent: Python's json of the whole document, and of the points and files of surfaces."""
     elsewhere = {"fiducials": {"points", "file", "T_con_file", "registered_to"}, "target_origins": True}
     elsewhere["interfaces"] = {"structure_connector": {"origin"}, "connector_flange": {"origin"}}
+    elsewhere["execution"] = {"hand_eye": {"origin"}}
     data = json.loads(design.document.model_dump_json(by_alias=True, exclude_none=True, exclude=elsewhere))
     points = [design.fiducials.labels, design.fiducials.positions_mm]
     for region in (data.get("optimise") or {}).get("regions", ()):

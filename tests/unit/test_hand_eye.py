@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -90,8 +91,13 @@ def test_a_file_of_poses_is_the_covariance_of_their_fit(tmp_path: Path) -> None:
     sources = compile_design(design).hand_eye.sources
     spread = sources.direction * sources.std
     np.testing.assert_allclose(spread @ spread.T, fit_hand_eye(*poses).covariance, rtol=0.02, atol=1e-9)
+    (said,) = (each for each in compile_design(design).notes if "tracker" in each)
+    numbers = re.match(r"poses.csv: 20 pairs of poses, off by (\S+) deg and (\S+) mm", said)
+    assert numbers
+    assert [float(each) for each in numbers.groups()] == pytest.approx([0.05, 0.1], rel=0.3)
     inline = load_design(design_to_data(design))
     assert inline.sha256 == design.sha256
+    assert said in compile_design(inline).notes
     supposed = design.with_value("/assumed", ["/execution/hand_eye/pose_pairs"])
     assert design_to_data(supposed)["assumed"] == ["/execution/hand_eye/tolerances"]
     assert load_design(design_to_data(supposed)).sha256 == supposed.sha256

@@ -119,7 +119,7 @@ def _compile(design: Design) -> System:
         connector_flange=_interface(document.interfaces.connector_flange, "connector_flange", notes),
         T_flange_con=flange_con,
         T_tcp_flange=tcp_flange,
-        hand_eye=_hand_eye(document.execution.hand_eye),
+        hand_eye=_hand_eye(document.execution.hand_eye, notes),
         execution=_execution(document.execution),
         targets=targets,
         requirements=(),
@@ -245,10 +245,11 @@ def torsor_of_features(
     return replace(gather_sources(stated, 6), together=tuple(together)), middle
 
 
-def _hand_eye(hand_eye: HandEye | None) -> DirectEffect:
+def _hand_eye(hand_eye: HandEye | None, notes: list[str]) -> DirectEffect:
     if hand_eye is None:
         return _perfect("hand_eye")
     sources, label = hand_eye.tolerances.sources, "hand-eye calibration"
+    notes += [] if hand_eye.origin is None else list_notes(hand_eye.origin)
     return mount("hand_eye", frozen(hand_eye.pivot_mm), hand_eye.bias.torsor, sources, label, hand_eye.drawn)
 
 

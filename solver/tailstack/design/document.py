@@ -636,6 +636,9 @@ class HandEye(Record):
     pose_pairs: PosePairs | None = Field(
         default=None, description="The poses that it was calibrated by, which are read into pivot_mm and tolerances."
     )
+    origin: FiducialOrigin | None = Field(
+        default=None, description="The file of poses that tolerances were read from. Absent: they were written here."
+    )
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT, "pose_pairs": None})

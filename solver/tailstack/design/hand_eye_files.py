@@ -20,8 +20,8 @@ COLUMNS = tuple(f"{frame}_{number}" for frame in ("flange", "tool") for number i
 UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 
 
-def read_pose_pairs(content: bytes, name: str, T_tcp_flange: Array) -> tuple[Array, Tolerances]:
-    """Where the tool that was seen is (3,) mm, tcp, and the tolerances of its turn and shift there.
+def read_pose_pairs(content: bytes, name: str, T_tcp_flange: Array) -> tuple[Array, Tolerances, str]:
+    """Where the tool that was seen is (3,) mm, tcp, the tolerances of its turn and shift there, and what to mind.
 
     Raises DesignError."""
     table = read_people_table(content, name, DesignError, lambda cells: COLUMNS[0] in map(_name, cells))
@@ -42,7 +42,11 @@ def read_pose_pairs(content: bytes, name: str, T_tcp_flange: Array) -> tuple[Arr
     seen = T_tcp_flange @ fit.tool_in_flange
     turned = np.kron(np.eye(2), seen[:3, :3]) * np.repeat([np.degrees(1.0), 1.0], 3)[:, None]
     covariance = turned @ fit.covariance @ turned.T
-    return seen[:3, 3], Tolerances(covariance_deg_mm=((covariance + covariance.T) / 2).tolist())
+    remark = (
+        f"{len(poses)} pairs of poses, off by {np.degrees(fit.turn_sd):.2g} deg and {fit.shift_sd_mm:.2g} mm (standard "
+        "deviations): all of that is taken for the tracker's, as what the arm adds cannot be told from it"
+    )
+    return seen[:3, 3], Tolerances(covariance_deg_mm=((covariance + covariance.T) / 2).tolist()), remark
 
 
 def _name(cell: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -294,6 +294,13 @@ def _put(
     return document.model_copy(update=changes)
 
 
+def _origin_of(file: str, content: bytes, remarks: Sequence[str]) -> FiducialOrigin:
+    """Of what is read otherwise than as points: the file, and what is to be known of it."""
+    kept = [each[:400] for each in remarks[:20]]
+    sha256 = hashlib.sha256(content).hexdigest()
+    return FiducialOrigin(file=file, sha256=sha256, coordinate_system="LPS", remarks=kept)
+
+
 @dataclass(frozen=True, slots=True)
 class _FileReader:
     """Reads the files that a document refers to."""
@@ -360,12 +367,7 @@ class _FileReader:
                 read = import_module(SEAT_READER).read_drawn_seat(
                     content, drawing.file, drawing.pin_class, drawing.frame
                 )
-                origin = FiducialOrigin(
-                    file=drawing.file,
-                    sha256=hashlib.sha256(content).hexdigest(),
-                    coordinate_system="LPS",
-                    remarks=[each[:400] for each in read.remarks[:20]],
-                )
+                origin = _origin_of(drawing.file, content, read.remarks)
                 stated = {key: value for key, value in self.source.data["interfaces"][name].items() if key != "drawing"}
                 try:
                     seat = Interface.model_validate(stated | {"features": read.features, "origin": origin})
@@ -400,8 +402,9 @@ class _FileReader:
         name, inline = hand_eye.pose_pairs.file, "put their covariance into tolerances.covariance_deg_mm"
         with self._placing("/execution/hand_eye/pose_pairs"):
             content = self.read_content(name, hand_eye_files.ENDINGS, hand_eye_files.MOST_BYTES, inline)
-            pivot_mm, tolerances = hand_eye_files.read_pose_pairs(content, name, to_tcp)
-        read = _fill_in(hand_eye, "pose_pairs", pivot_mm=tuple(pivot_mm.tolist()), tolerances=tolerances)
+            pivot_mm, tolerances, remark = hand_eye_files.read_pose_pairs(content, name, to_tcp)
+        origin = _origin_of(name, content, [remark])
+        read = _fill_in(hand_eye, "pose_pairs", pivot_mm=tuple(pivot_mm.tolist()), tolerances=tolerances, origin=origin)
         return _put(document, "execution", "hand_eye", read, ("pose_pairs", "tolerances"))
 
     def with_content(self, surface: SearchSurface, pointer: str) -> SearchSurface:
@@ -466,7 +469,8 @@ def _find_file(name: str, source: DocumentSource, allow_files: bool, inline: str
 
 # the points are hashed apart, in con, wherever they were read
 _ELSEWHERE: Any = {"fiducials": {"points", "file", "origin", *FRAME_FIELDS}, "target_origins": True, "review": True,
-                   "interfaces": {name: {"origin"} for name in Interfaces.model_fields}}  # fmt: skip
+                   "interfaces": {name: {"origin"} for name in Interfaces.model_fields},
+                   "execution": {"hand_eye": {"origin"}}}  # fmt: skip
 _OF_SURFACE = ("file", "content")  # likewise, by what the file holds
 
 
