@@ -190,7 +190,8 @@ def read_as(level: str) -> dict[str, Any]:
     checks = [each.verdict.checks[0] for each in (found, drawn)]
     lines = found.targets[0].contributors
     told = [[check.value, check.interval, check.headline, check.risk] for check in checks]
-    return {"checks": told, "cost": best.cost_exact_law, "shares": [[line.drawn, line.variance_share] for line in lines]}
+    shares = [[line.drawn, line.variance_share] for line in lines]
+    return {"checks": told, "cost": best.cost_exact_law, "shares": shares}
 
 
 @pytest.mark.long

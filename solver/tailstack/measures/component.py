@@ -33,7 +33,7 @@ def measure_along(row: int) -> Measure:
         meaning=f"{of} along {axis} of {frame}, either way",
         frame=frame,
         sites=along_row(name, row),
-        )
+    )
 
 
 MEASURES = tuple(measure_along(row) for row in range(6))

@@ -436,7 +436,8 @@ def join(models: Mapping[str, ErrorModel], measure: Measure, site: Site) -> Erro
             shifts[key] = shifts.get(key, 0.0) + weigh(weights, known.of)
     bias = np.sum([weigh(weights, model.bias_mm) for model, weights in parts], 0)
     shared = tuple(KnownShift(*key, {measure.name: shift}) for key, shift in shifts.items())
-    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks), site.room, parts=tuple(parts), doubt=site.doubt)
+    biases, joined = {measure.name: bias}, tuple(parts)
+    return ErrorModel(site.name, biases, shared, tuple(blocks), site.room, parts=joined, doubt=site.doubt)
 
 
 class ValidityGrounds(NamedTuple):
