@@ -119,7 +119,7 @@ def test_the_terminal_and_the_page_tell_it_in_its_unit(copy: subprocess.Popen[st
     ]
     found = in_node(walks=[{"states": states}], advised=1.0, choices=choices)
     opened, verified = ([line["text"] for line in moment["lines"]] for moment in found["walks"][0])
-    assert any("of the error at the tool, target tip" in line for line in opened)  # of the angle no estimate decides
+    assert any("of the angle of the axis, tip to entry" in line for line in opened)
     strip = verified[: next(k for k, line in enumerate(verified) if "beyond the limit" in line)]
     assert any("of the angle of the axis, tip to entry" in line for line in strip)
     value = simulation["verdict"]["checks"][-1]["value"]

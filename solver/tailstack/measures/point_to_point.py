@@ -32,7 +32,7 @@ def site_between(start: MeasuredTarget, end: MeasuredTarget, to_tcp: Array) -> S
         longer = ((2 * line[:, None] + moved) * moved).sum(axis=0) / (reached + length)
         return np.stack([longer, np.zeros_like(longer), np.zeros_like(longer)])
 
-    name, doubt = f"{start.name} to {end.name}", "what both ends have in common cancels to first order"
+    name, doubt = f"{start.name} to {end.name}", "what both ends have in common cancels in the estimate"
     return Site(name, {start.name: -weights, end.name: weights}, exact, doubt=doubt)
 
 

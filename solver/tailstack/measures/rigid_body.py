@@ -17,7 +17,7 @@ NEWTON_STEPS = 8  # from no turn; each squares what is missing
 TURNED = 1e-9  # largest last step, rad, of a turn that is found
 FITTED = "of the rigid motion that fits the points of a body"
 FARTHEST = "it is that of the point farthest from the centroid, and the largest is no less"
-AGAINST = "what both bodies have in common cancels to first order"
+AGAINST = "what both bodies have in common cancels in the estimate"
 
 
 class BodyFit:
