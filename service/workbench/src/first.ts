@@ -93,5 +93,5 @@ optimise: # what an optimisation may change
   starts: 8
 
 assumed: # what nobody stated: a change on the page takes a value off
-${[...[0, 1].flatMap((k) => guesses.map((field) => `/views/${k}/${field}`)), "/fiducials/manufacturing", "/interfaces", "/targets/0/position_mm", ...(stated.has("limit_mm") ? [] : ["/requirements/0/limit_mm"])].map((pointer) => `  - ${pointer}\n`).join("")}`;
+${[...[0, 1].flatMap((k) => guesses.map((field) => `/views/${k}/${field}`)), "/fiducials/manufacturing", "/interfaces/structure_connector", "/interfaces/connector_flange", "/targets/0/position_mm", ...(stated.has("limit_mm") ? [] : ["/requirements/0/limit_mm"])].map((pointer) => `  - ${pointer}\n`).join("")}`;
 }
