@@ -24,12 +24,13 @@ import { History, Requirements, Verdict } from "./parts/Verdict";
 import { Fold, listed, Tip, WordList } from "./parts/Words";
 import { comments, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
-const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
+const theme = signal<string>(recall("tailstack.workbench.theme", "auto")), system = matchMedia("(prefers-color-scheme: dark)"), night = signal(system.matches);
+system.addEventListener("change", () => (night.value = system.matches));
+const dark = computed(() => (theme.value === "auto" ? night.value : theme.value === "dark"));
 effect(() => {
-  document.documentElement.dataset.theme = theme.value;
+  document.documentElement.dataset.theme = dark.value ? "dark" : "light";
   remember("tailstack.workbench.theme", theme.value);
 });
-const dark = () => (theme.value === "auto" ? matchMedia("(prefers-color-scheme: dark)").matches : theme.value === "dark");
 
 // Which pictures are shown, and what part of a wide window they take, percent
 const PICTURES = ["All", "X-ray images", "In space", "Elevations"], FEWEST = 25, MOST = 75;
@@ -58,7 +59,7 @@ function Page() {
       {keyWanted.value && <KeyWanted />}
       {steps.value.length === 0 ? <><Welcome /><Foot /></> : <Workbench />}
       <Tip />
-      <WordList />
+      {listed.value && <WordList />}
       {manual.value && <manual.value onClose={() => (manual.value = null)} />}
     </>
   );
@@ -75,7 +76,7 @@ function Welcome() {
       </div>
       <OwnPoints />
       <h2>Begin with a design</h2>
-      <p>New here? The drill guide shows you how, in a minute. Or take another, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
+      <p>New here? The first, the drill guide, shows you how, in a minute. Or take another, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
       <Gallery />
     </main>
   );
@@ -182,7 +183,7 @@ function Foot() {
       <p class="controls">
         <button type="button" onClick={() => void import("./parts/Manual").then((module) => (manual.value = module.Manual))}>The manual</button>
         <button type="button" onClick={() => (listed.value = true)}>What the words mean</button>
-        <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
+        <button type="button" onClick={() => (theme.value = dark.value ? "light" : "dark")}>{dark.value ? "Light" : "Dark"}</button>
         <a href="docs">The service's API</a>
         {licences && <a href={licences} title="of what this page contains">Licences</a>}
       </p>

@@ -80,18 +80,16 @@ export function compare<K extends Kind>(now: Reading<K>, before: Reading<K>): Ch
   return of(now) === of(before) && from !== to ? { kind: now.kind, from, to, decimals } : null;
 }
 
-/** Optima that are the design on the page but for what might change, on which no number of it rests. */
-const twins = computed(() => {
-  const bare = ({ optimise, review, ...rest }: Json) => rest, own = bare(answer.value?.design ?? {});
-  return Object.values(results.value).filter((record: Json) => record.certificate && equal(bare(record.design ?? {}), own));
-});
+const bare = ({ optimise, review, ...rest }: Json) => rest;
+/** Whether a record is of a design; an optimum on the page is so whatever it says might change: no number rests on that. */
+const isOf = ({ provenance, certificate, design }: Json, sha: string) => provenance?.design_sha256 === sha
+  || (certificate && design && sha === answer.value?.score.provenance.design_sha256 && equal(bare(design), bare(answer.value!.design)));
 
 /** What a simulation showed of a design, null where the page knows of none; of several, that with the most shots. */
 export function simulationOf(sha: string | null | undefined): Reading<"simulation"> | null {
   if (!sha) return null;
-  const same = sha === answer.value?.score.provenance.design_sha256 ? twins.value : [];
   const found = Object.values(results.value).flatMap((record: Json): Verification[] => {
-    if (record.provenance?.design_sha256 !== sha && !same.includes(record)) return [];
+    if (!isOf(record, sha)) return [];
     const own = record.verification ?? record.certificate?.verification ?? record; // a report's, an optimum's, or itself
     return KINDS[own.schema] === "simulation" ? [own] : [];
   });

@@ -1,5 +1,5 @@
 // The limit as a handle: how it is dragged.  See tests/service/test_workbench_limit.py.
-import { asked, axe, begun, centre, drawn, newContext, state, tell, timeless, unfold, unhurried, wide } from "./page.mjs";
+import { asked, axe, begun, centre, drawn, newContext, number, state, tell, timeless, unfold, unhurried, wide } from "./page.mjs";
 
 const scenarios = {}, handle = (page, of) => page.locator(`.handle.${of}`), words = (page) => page.getByTestId("pulled").innerText();
 const numberOf = async (page, of, what = "aria-valuenow") => Number(await handle(page, of).getAttribute(what));
@@ -69,15 +69,20 @@ scenarios.keys = async () => {
   await page.mouse.up();
   await settled(page);
   found.given = await told(page);
-  const field = page.locator(".rail input");
-  await field.fill("0,9");
-  await field.press("Enter");
-  await page.waitForFunction((count) => window.workbench.state().position > count, found.given.position);
+  const keep = async (limit) => {
+    const { position } = await state(page);
+    await number(page, "limit of tip-accuracy, mm", limit);
+    await page.waitForFunction((count) => window.workbench.state().position > count, position);
+    await settled(page);
+    await page.locator(".rail button").click();
+  };
+  await keep("0,9");
+  await page.waitForFunction((count) => window.workbench.state().position > count + 1, found.given.position);
   await settled(page);
   found.typed = await told(page);
-  await field.fill("no");
-  await field.press("Enter");
-  found.wrong = await field.evaluate((node) => node.validationMessage);
+  await keep("0.2");
+  await page.locator("[data-testid=pulled].bad").waitFor();
+  found.beyond = await told(page);
   return found;
 };
 

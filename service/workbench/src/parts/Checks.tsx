@@ -22,7 +22,7 @@ export function Checks({ of: { kind, record }, label }: { of: AnyReading; label:
         <tbody>
           {checks.slice(0, 400).map((check) => ({ check, d: decimalsOf(record, check.unit) })).map(({ check, d }) => (
             <tr key={check.requirement + check.target}>
-              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}${check.ids?.length ? `; ${check.ids.join(", ")}` : ""}`}</span></th>
+              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}${check.ids?.length ? "; " : ""}`}{check.ids?.map((id, k) => [k ? ", " : "", <span key={id} class="id">{id}</span>])}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
               <td class="number">{unit ? mm(check.value, d) : told(check.value, d, check.unit)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{unit ? stated(check.limit, d) : limitWords(check.limit, d, check.unit)}</td>
               {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}

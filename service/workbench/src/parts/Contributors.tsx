@@ -1,15 +1,15 @@
 // Who is to blame, and what is changed about it: one list of the contributors, each with its half-width to slide and to
 // type, its share of the variance, what P95 would be without it, and how far it may be loosened.
 
-import { effect, signal, untracked } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { gradesOf, type Line, placeOf } from "../advice";
-import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
+import { answer, askWhenQuiet, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, comments, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
 import type { HalfWidth as Slide } from "../sample";
-import { before, decimals, decisive, spread, standing } from "../readings";
+import { before, decimals, decisive, estimated, type Joined, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { crossingOf, Curve, drawn } from "./Curve";
@@ -145,7 +145,7 @@ export function Contributors() {
   const score = answer.value?.score, data = design.value;
   const ranked = [...(score?.targets ?? [])].sort((a, b) => b.p95_mm - a.p95_mm), judged = score && decisive(score.verdict.checks)?.target;
   const target = ranked.find((t) => t.name === shown.value) ?? ranked.find((t) => t.name === judged) ?? ranked[0];
-  const allowances = score ? allowancesOf(score) : null, seeking = runs.value.find((run) => run.title === SLACK && unfinished(run));
+  const limited = (score?.measures ?? []).filter(({ shares }) => shares.length), allowances = score ? allowancesOf(score) : null, seeking = runs.value.find((run) => run.title === SLACK && unfinished(run));
   const rank = (row: Row): number => (row.line && order.value.get(JSON.stringify([target?.name, lineKey(row.line)]))) ?? -1;
   const rankOf = (family: Family) => (family.line ? rank(family) : family.parts.reduce((sum, part) => sum + Math.max(0, rank(part)), 0));
   const families = familiesOf(data, answer.value?.design, target).map((family) => ({ ...family, parts: family.parts.sort((a, b) => rank(b) - rank(a)) })).sort((a, b) => rankOf(b) - rankOf(a));
@@ -170,7 +170,7 @@ export function Contributors() {
         {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}
         {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
-      {first && target && <p class="blame steady">{`${blame(target, first)}${levels(families)}`}</p>}
+      {first && target && <p class="blame steady">{`${blame(target, first)}${levels(families)}${toBlame(estimated.value?.joined)}`}</p>}
       {allowances && <p class="note">{slackWords(allowances, target.name, score!)}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
         <table>
@@ -190,7 +190,7 @@ export function Contributors() {
           })}
         </table>
       </div>
-      {target && ranked.length > 1 && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
+      {target && (ranked.length > 1 || limited.length > 0) && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} measures={limited} lines={target.contributors} />}
       {target && <Figures />}
     </div>
   );
@@ -201,6 +201,12 @@ function blame(target: TargetScore, { name, line, ...first }: Family): string {
   const bias = Math.hypot(...target.bias_mm), share = percent(shareOf({ name, line, ...first })), d = decimals.value;
   if (bias > spread(target, 1)) return `At ${target.name}, a known bias of ${mm(bias, d)} mm is most of the error, whose P95 is estimated at ${mm(target.p95_mm, d)} mm: correct for it first. Of what varies, ${name} has most, ${share} of the variance.`;
   return `At ${target.name}, ${name} has most of the variance, ${share}; without it P95 would be ${mm(line!.p95_without_mm, d)} mm instead of ${mm(target.p95_mm, d)}, by estimate.`;
+}
+
+/** What has most of the measure that decides, where that is none of a target alone. */
+function toBlame(joined?: Joined): string {
+  const first = [...(joined?.shares ?? [])].sort((a, b) => b.variance_share - a.variance_share)[0];
+  return first ? ` Of what decides, ${joined!.words}, ${first.label} has most, ${percent(first.variance_share)}.` : "";
 }
 
 /** How much of the variance is drawn anew how often. */
@@ -270,20 +276,21 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
   );
 }
 
-/** Every target at once. */
-function Matrix({ targets, of, lines }: { targets: TargetScore[]; of: number; lines: readonly Line[] }) {
+/** Every target at once, and every measure that is limited. */
+function Matrix({ targets, of, measures, lines }: { targets: TargetScore[]; of: number; measures: readonly Joined[]; lines: readonly Line[] }) {
   return (
     <details>
-      <summary>Shares at every target</summary>
+      <summary>{`Shares at every target${measures.length ? " and of every measure" : ""}`}</summary>
       <div class="scroll" tabIndex={0} role="region" aria-label="Contributors by target">
         <table>
           <caption><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</caption>
-          <thead><tr><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}</tr></thead>
+          <thead><tr><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}{measures.map(({ words, site }) => <th class="number" key={words + site}>{`${words}, ${site}`}</th>)}</tr></thead>
           <tbody>
             {lines.map((c, k) => (
               <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
                 <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
                 {targets.map((t) => <td class="number" key={t.name}>{percent(t.contributors[k]?.variance_share ?? 0)}</td>)}
+                {measures.map(({ words, site, shares }) => <td class="number" key={words + site}>{c.component === "all" && c.law !== "known" ? percent(shares.find(({ name }) => name === c.name)?.variance_share ?? 0) : ""}</td>)}
               </tr>
             ))}
           </tbody>
@@ -297,29 +304,20 @@ function Matrix({ targets, of, lines }: { targets: TargetScore[]; of: number; li
 
 const unfoldedFigures = signal(false);
 const figures = signal<{ design: Json; tables: Node[]; problem: Refusal | null } | null>(null);
-const figuresWanted = () => unfoldedFigures.value && current.value && !gesture.value.length && figures.value?.design !== design.value;
-let reading = false;
 
+/** The tables of the budget as the service writes them in a report. */
 effect(() => {
-  if (figuresWanted()) void untracked(readFigures);
+  const sent = design.value;
+  if (!unfoldedFigures.value || !current.value || gesture.value.length || figures.value?.design === sent) return;
+  return askWhenQuiet(0, async (left) => {
+    const response = await send("POST", "/v1/scores", { design: sent }, { Accept: "text/html" }, left).catch(() => null);
+    if (left.aborted) return;
+    const problem = response?.ok ? null : response ? await readRefusal(response) : unreachable();
+    const page = new DOMParser().parseFromString(problem ? "" : await response!.text(), "text/html");
+    const section = [...page.querySelectorAll("section")].find((part) => part.querySelector("h2")?.textContent?.endsWith(" Budget"));
+    figures.value = { design: sent, tables: [...(section?.querySelectorAll(".scroll:has(table)") ?? [])], problem };
+  });
 });
-
-/** The tables of the budget as the service writes them in a report; one request at a time, for the design of the moment. */
-async function readFigures(): Promise<void> {
-  if (reading) return;
-  reading = true;
-  try {
-    while (figuresWanted()) {
-      const sent = design.value, response = await send("POST", "/v1/scores", { design: sent }, { Accept: "text/html" }).catch(() => null);
-      const problem = response?.ok ? null : response ? await readRefusal(response) : unreachable();
-      const page = new DOMParser().parseFromString(problem ? "" : await response!.text(), "text/html");
-      const section = [...page.querySelectorAll("section")].find((part) => part.querySelector("h2")?.textContent?.endsWith(" Budget"));
-      figures.value = { design: sent, tables: [...(section?.querySelectorAll(".scroll:has(table)") ?? [])], problem };
-    }
-  } finally {
-    reading = false;
-  }
-}
 
 function Figures() {
   const box = useRef<HTMLDivElement>(null), held = figures.value, other = held && held.design !== design.value;

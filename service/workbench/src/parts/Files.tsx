@@ -9,7 +9,7 @@ import { rounded } from "../geometry";
 import { readNumber, VERDICTS } from "../words";
 import { CArmChoice, CArmNote, wishes } from "./CArm";
 import { beginMinute } from "./Minute";
-import { fileName, save, saveAnswer } from "./Reports";
+import { fileName, handOver, save } from "./Reports";
 
 export const working = signal<string | null>(null); // what the page is busy with
 
@@ -21,6 +21,7 @@ const HEADERS = 600_000, HEADER = 100_000; // bytes of all images, and of one, t
 
 /** Take what was dropped or chosen: images together, for each is a view of one design, and others one by one. */
 export async function takeFiles(files: File[]): Promise<void> {
+  asking.value = null; // what another file left open
   const are = await Promise.all(files.map(async (file) => /\.(dcm|dicom)$/i.test(file.name) || (await file.slice(...SIGN).text()) === "DICM"));
   const images = files.filter((_, k) => are[k]);
   if (images.length) await takeImages(images);
@@ -113,7 +114,7 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
       asking.value = { name, words: `${detail}. Which of them are the fiducials?`, diameter: take, choices: [...new Set(diameters)].map((diameter) => ({ words: `Those of ${diameter} mm`, take: () => take(diameter) })) };
     } else if (headed) {
       const take = (unit: string) => void takePoints(new File([headed.of(unit)], name), format);
-      asking.value = { name, words: `${name} does not say what its columns are. Are they ${headed.labels ? "a label and then " : ""}x, y, z? Its first row: ${headed.first}`, choices: ["mm", "cm", "m", "in"].map((unit) => ({ words: `Yes, in ${unit}`, take: () => take(unit) })) };
+      asking.value = { name, words: `${name} does not say what its columns are. Are they ${headed.labels ? "a label and then " : ""}x, y, z? Its first row: ${headed.first}`, choices: ["mm", "cm", "m", "in"].map((unit) => ({ words: `Yes, in ${unit === "in" ? "inches" : unit}`, take: () => take(unit) })) };
     }
     return asking.value !== null;
   });
@@ -186,7 +187,7 @@ interface Example {
   title: string;
   description: string;
 }
-const gallery = signal<Example[] | null>(null);
+const gallery = signal<Example[] | null>(null), FIRST = "demo"; // which shows a newcomer how
 
 /** What a card shows of its design: beads and targets from the front, and the verdict by estimate. */
 interface Glimpse {
@@ -239,7 +240,7 @@ function Thumbnail({ of }: { of: Glimpse | undefined }) {
 
 export function Gallery() {
   useEffect(() => {
-    if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => r.ok && (gallery.value = (await r.json()).examples)).catch(() => null);
+    if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => r.ok && (gallery.value = (await r.json()).examples.sort((a: Example, b: Example) => Number(b.name === FIRST) - Number(a.name === FIRST)))).catch(() => null);
   }, [key.value]);
   useEffect(() => {
     const timer = window.setTimeout(() => void glimpse(), CALM);
@@ -250,7 +251,7 @@ export function Gallery() {
     if (!response) say(unreachable().title, true);
     else if (response.ok) {
       begin(await response.text(), `Example ${name}`);
-      if (name === "demo") beginMinute();
+      if (name === FIRST) beginMinute();
     }
   };
   return (
@@ -305,12 +306,11 @@ export function TakeAway() {
     ["command", () => `tailstack score ${fileName()}.yaml`],
     ["CI gate", () => `# .github/workflows/tolerances.yml; COMMIT is that of your copy of tailstack\nname: tolerances\non: [pull_request]\npermissions: { contents: read }\njobs:\n  gate:\n    runs-on: ubuntu-24.04\n    timeout-minutes: 15\n    steps:\n      - uses: actions/checkout@11bd71901bbe5b1630ceea73d27597364c9af683 # v4.2.2\n      - uses: YOUR-ORGANISATION/tailstack@COMMIT\n        with: { designs: ${fileName()}.yaml, mode: auto }\n`],
   ];
-  const handOver = (form: string, media: string) => saveAnswer("POST", "/v1/sheets", { design: design.value }, { Accept: media }, `${fileName()}.supplier.${form}`, "The sheet");
   return (
     <>
     <p class="controls" role="group" aria-label="To the supplier">
       <strong>To the supplier</strong>
-      {Object.entries({ pdf: "application/pdf", html: "text/html", csv: "text/csv" }).map(([form, media]) => <button type="button" key={form} aria-label={`Sheet for the supplier as ${form.toUpperCase()}`} onClick={() => handOver(form, media)}>{form.toUpperCase()}</button>)}
+      {(["pdf", "html", "csv"] as const).map((form) => <button type="button" key={form} aria-label={`Sheet for the supplier as ${form.toUpperCase()}`} onClick={() => handOver(form)}>{form.toUpperCase()}</button>)}
       <span class="note">beads, seats and tolerances as drawn, dimensioned; nothing of what was computed</span>
     </p>
     <div class="controls" role="group" aria-label="Share and save">

@@ -4,14 +4,13 @@
 import { computed, effect, signal, untracked } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { placeOf, seatsOf } from "../advice";
+import { advised, placeOf, seatsOf } from "../advice";
 import { askWhenQuiet, current, late, readRefusal, refused, send, unreachable } from "../api";
 import { SEATS } from "../document";
 import { answering, type Check, decisive, estimated, known, standing } from "../readings";
 import { cancelGesture, design, type Edit, edit, gesture, type Json, opened, type Path, PRESSES, preview, settled } from "../state";
-import { brief, mm, readNumber, sign, stated } from "../words";
+import { brief, mm, sign, stated } from "../words";
 import { grip, stepsOf } from "./grip";
-import { Term } from "./Words";
 
 type Allocation = components["schemas"]["Allocation"];
 type Handle = "limit" | "value";
@@ -95,6 +94,7 @@ interface Drag {
   at: number; // where the hand is, in the unit of the requirement
   heard: number; // of which place of the hand the half-widths on the page are
   done: { what: string; within: number } | null; // it was let go
+  stated: boolean; // the limit, which is kept, or refused, and never another
 }
 const drag = signal<Drag | null>(null);
 export const pulling = computed(() => drag.value !== null);
@@ -138,7 +138,7 @@ function grab(of: Handle): boolean {
   if (drag.value && drag.value.base === settled.value && !drag.value.done) return true;
   const limit = limitOf(settled.value, check.requirement);
   if (of === "limit" && !limit) return false;
-  drag.value = { of, base: settled.value, requirement: check.requirement, limit, share: passing(check), end: scaleFor(check), step: stepFor(check), least: rested.value?.found?.least ?? 0, at: check[of], heard: NaN, done: null };
+  drag.value = { of, base: settled.value, requirement: check.requirement, limit, share: passing(check), end: scaleFor(check), step: stepFor(check), least: rested.value?.found?.least ?? 0, at: check[of], heard: NaN, done: null, stated: false };
   return true;
 }
 
@@ -176,7 +176,7 @@ async function follow(): Promise<void> {
       if (!found) return drop(problem);
       const known = latest.least > 0, least = found.least;
       if (found.status === "out of reach") {
-        if (known || least <= asks(now)) return drop(wall(found));
+        if (known || least <= asks(now) || (now.stated && least * (1 + FLOOR) > now.at)) return drop(wall(found));
         drag.value = { ...latest, least };
         pull(latest.at, true); // to the least that there is
         continue;
@@ -208,12 +208,15 @@ const editsOf = ({ of, at, base, limit }: Drag, { tolerances }: Allocation): Edi
 const holder = ({ held_by: by, held_label: label, held_share: share }: Allocation) => `${label || by.replace(/_/g, " ")} has ${(100 * share).toFixed(0)} % of what is left`;
 const wall = (found: Allocation) => `Out of reach at this layout: not below ${brief(Number(found.least.toPrecision(3)))}${sign(found.unit)} with every free half-width at its least; ${holder(found)}.`;
 
+/** From what to what; one number where it is as good as that already. */
+const costs = ({ cost_before: before, cost_after: after }: Allocation) => (before === null || Math.abs(before - after) < (NEAR - 1) * after ? brief(after) : `${brief(before)} → ${brief(after)}`);
+
 /** What the last answer says. */
 function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {
   if (!found) return problem;
   if (found.status === "out of reach") return wall(found);
   const least = `not below ${mm(found.least, d + 1)}${sign(found.unit)}, as ${holder(found)}`;
-  const cost = `Cost ${found.cost_before === null ? "" : `${brief(found.cost_before)} → `}${brief(found.cost_after)}`;
+  const cost = `Cost ${costs(found)}`;
   return told ? `${cost}${found.moved_most ? `; ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
 }
 
@@ -223,21 +226,20 @@ const told = computed(() => (drag.value || moved.value.design === settled.value 
 
 // --- the handles -------------------------------------------------------------------------------------------------------
 
-/** A scale with what the design comes to and its limit, both to drag; and the limit to type. */
+/** A scale with what the design comes to and its limit, both to drag; and the limit to keep. */
 export function Limit() {
-  const rail = useRef<HTMLDivElement>(null), field = useRef<HTMLInputElement>(null), check = judged.value, now = drag.value;
+  const rail = useRef<HTMLDivElement>(null), check = judged.value, now = drag.value;
   if (!check) return null;
   const { unit, requirement } = check, d = estimated.value!.digits, end = now?.end ?? scaleFor(check), holds = standing.value.holds && !barred.value && !refused.value, path = limitOf(settled.value, requirement);
   const least = now ? now.least : rested.value?.found?.least ?? 0, place = (value: number) => `${(100 * Math.min(1, value / end)).toFixed(2)}%`;
   const offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
   const where = { limit: now?.of === "limit" ? now.at : check.limit, value: now?.of === "value" ? now.at : check.value };
   const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at}${sign(unit)}, cheapest half-widths`, keys ? PRESSES : 0);
-  const keep = (text: string) => {
-    const typed = readNumber(text, unit);
-    field.current!.setCustomValidity(typed !== null && typed > 0 ? "" : `a limit is a number above 0, in ${unit}`);
-    if (!field.current!.reportValidity() || !grab(path ? "limit" : "value")) return;
-    pull(typed!, true);
-    release(`Keep ${requirement} within ${typed}${sign(unit)} by the cheapest half-widths`);
+  const keep = () => {
+    if (!grab(path ? "limit" : "value")) return;
+    drag.value = { ...drag.value!, least: 0, stated: true };
+    pull(check.limit, true);
+    release(`Keep ${requirement} within ${check.limit}${sign(unit)} by the cheapest half-widths`);
   };
   const handle = (of: Handle, words: string) => {
     const value = where[of], usable = holds && (of === "value" || path !== null);
@@ -270,10 +272,7 @@ export function Limit() {
         <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={rested.value ? wordsOf(rested.value, d, false) : `not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
         {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
       </div>
-      <form class="controls" onSubmit={(event) => { event.preventDefault(); keep(field.current!.value); }}>
-        <label><Term word="limit" quiet>Keep</Term> <input key={`${requirement} ${check.limit}`} ref={field} type="text" inputMode="decimal" size={5} defaultValue={stated(check.limit, d)} aria-label={`Keep ${requirement} within, ${unit}`} onInput={(event) => event.currentTarget.setCustomValidity("")} />{sign(unit)}</label>
-        <button type="submit" disabled={!holds || now !== null} title="the cheapest half-widths that keep it at this layout; locked ones stay">{`at least cost${offer ? `: ${offer.cost_before === null ? "" : `${brief(offer.cost_before)} → `}${brief(offer.cost_after)}` : ""}`}</button>
-      </form>
+      <button type="button" disabled={!holds || now !== null} title="the cheapest half-widths that keep the limit at this layout; locked ones stay" onClick={keep}>{`Keep it at least cost${offer ? `: ${costs(offer)}` : ""}`}</button>
     </div>
   );
 }
@@ -282,7 +281,7 @@ export function Limit() {
 export function Pulled() {
   if (!judged.value) return null;
   const now = told.value, at = rested.value, d = estimated.value!.digits, words = barred.value || (now ? wordsOf(now, d, true) : at ? wordsOf(at, d, false) : "");
-  const shown = barred.value || now || (at && at.found?.status !== "kept");
+  const shown = barred.value || now || (at && at.found?.status !== "kept" && !advised.value?.wall);
   return <p class={`${shown ? "note" : "hidden"} ${waits.value || late.value ? "old" : ""} ${now?.problem ? "bad" : ""}`} data-kind="estimate" data-testid="pulled" role="status">{words}</p>;
 }
 

@@ -220,11 +220,10 @@ function Lines({ of }: { of: Sample }) {
   const { columns } = of, width = Math.max(room, LEAST * columns.length), edge = width / columns.length / 2, xs = columns.map((_, k) => Math.round(edge + (k * (width - 2 * edge)) / (columns.length - 1))), scales = useMemo(() => columns.map(scaleOf), [of]), now = fits.value;
   const y = (c: number, value: number) => (HEIGHT - 1) * (1 - scales[c].to(value));
   useEffect(() => {
-    const seen = new ResizeObserver(([entry]) => setRoom(Math.floor(entry.contentRect.width))), turned = new MutationObserver(() => setTheme((k) => k + 1)), dark = matchMedia("(prefers-color-scheme: dark)"), turn = () => setTheme((k) => k + 1);
+    const seen = new ResizeObserver(([entry]) => setRoom(Math.floor(entry.contentRect.width))), turned = new MutationObserver(() => setTheme((k) => k + 1));
     seen.observe(box.current!);
     turned.observe(document.documentElement, { attributeFilter: ["data-theme"] });
-    dark.addEventListener("change", turn);
-    return () => { seen.disconnect(); turned.disconnect(); dark.removeEventListener("change", turn); };
+    return () => { seen.disconnect(); turned.disconnect(); };
   }, []);
   useLayoutEffect(() => {
     crossings.current = new Crossings(xs, HEIGHT, columns.map(({ values }, c) => Int16Array.from(values, (value) => (Number.isFinite(value) ? Math.round(y(c, value)) : -1))));

@@ -24,6 +24,7 @@ effect(() => {
   if (!current.value || gesture.value.length) return;
   if (step.value < ENDED && step.value && verified.value) go(ENDED);
   else if (step.value < 3 && step.value && answer.value!.score.verdict.status === "pass") go(3);
+  else if (step.value === 3 && answer.value!.score.verdict.status === "fail") go(2); // undone
   else if (step.value === 1 && /^Move /.test(steps.value[position.value]?.what ?? "")) go(2);
 });
 

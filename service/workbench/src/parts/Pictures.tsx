@@ -12,6 +12,7 @@ import { hinted } from "./Minute";
 import { saidOf } from "./Pin";
 import { Arrows, Contours, heatOf, PlaceLegend, usePatch, worthOf, Worthy } from "./Places";
 import { Remarks } from "./Problems";
+import type { Scene } from "./hands";
 
 export { type Bead, beads } from "../beads";
 
@@ -32,11 +33,8 @@ const moved = computed<Bead[]>(() => {
 const targets = computed<{ name: string; position: Vector }[]>(() =>
   (layout.value?.targets ?? []).map((target) => ({ name: target.label, position: target.position_mm as Vector })));
 
-/** Planned ones: to which target, from where to where. */
-const trajectories = computed<[string, Vector, Vector][]>(() => {
-  const placeOf = (name: Json) => targets.value.find((target) => target.name === name)?.position, all: Json[] = Array.isArray(design.value?.targets) ? design.value.targets : [];
-  return all.flatMap((target) => { const [from, to] = [target?.entry, target?.name].map((name) => name && placeOf(name)); return from && to ? [[target.name, from, to] as [string, Vector, Vector]] : []; });
-});
+/** Planned ones, wherever they are stated: what each is called, from where to where. */
+const trajectories = computed(() => ((layout.value?.scene as Scene | null | undefined)?.items ?? []).filter(({ look }) => look === "trajectory"));
 
 /** Whether what the service drew is of a design that differs in these parts; half-widths and noise move nothing. */
 function outdated(parts: RegExp): boolean {
@@ -285,9 +283,9 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
           const was = plane.to(old.position), bead = beads.value.find(({ label }) => label === old.label), now = bead && plane.to(bead.position);
           return was && now && <g key={`was ${old.label}`} class="was">{moved.value.length < 4 && <path d={`M${was[0]} ${was[1]}L${now[0]} ${now[1]}`} />}<circle cx={was[0]} cy={was[1]} r={5 * scale} /></g>;
         })}
-        {trajectories.value.map(([name, from, to]) => {
+        {trajectories.value.map(({ title, points: [from, to] }) => {
           const [a, b] = [plane.target(from), plane.target(to)];
-          return a && b && <path key={`to ${name}`} class="planned" d={`M${a.join(" ")}L${b.join(" ")}`}><title>{`planned trajectory to ${name}`}</title></path>;
+          return a && b && <path key={title} class="planned" d={`M${a.join(" ")}L${b.join(" ")}`}><title>{`planned ${title}`}</title></path>;
         })}
         {targets.value.slice(0, 200).map((target) => {
           const at = plane.target(target.position), r = 6 * scale;
@@ -359,7 +357,7 @@ function part(P: Projection, targets_: Projection, whole: Box, frame?: Box): Box
     .filter((p): p is Pixel => p !== null && !(frame && isOutside(p, frame)));
   if (seen.length < 2) return whole;
   const ends = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]), step = whole[2] / 20;
-  const side = step * Math.ceil((1.15 * Math.max(...ends.map(([low, high]) => high - low))) / step);
+  const side = step * Math.ceil((1.3 * Math.max(...ends.map(([low, high]) => high - low))) / step);
   const [x, y] = ends.map(([low, high]) => (step / 2) * Math.round((low + high) / step) - side / 2);
   return side < 0.9 * Math.min(whole[2], whole[3]) ? [x, y, side, side] : whole;
 }
@@ -434,7 +432,7 @@ export function Elevations() {
         const ends = (k: number) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))];
         const [[x0, x1], [y0, y1]] = [ends(a), ends(b)];
         // A box that changes in steps, so that it stands still while a bead is dragged
-        const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.25 + 10) / 20);
+        const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.35 + 10) / 20);
         const centre = [10 * Math.round((x0 + x1) / 20), 10 * Math.round((y0 + y1) / 20)];
         const axis = (k: number, sign: number): Vector => [0, 1, 2].map((m) => (m === k ? sign : 0)) as Vector;
         const box: Box = [centre[0] - side / 2, -centre[1] - side / 2, side, side];

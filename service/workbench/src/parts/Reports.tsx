@@ -33,6 +33,9 @@ export async function saveAnswer(method: string, path: string, body: unknown, he
   say(`${what} does not come: ${title}. ${errors[0].detail}`, true);
 }
 
+/** What a supplier makes the design by. */
+export const handOver = (form: "pdf" | "html" | "csv") => saveAnswer("POST", "/v1/sheets", { design: design.value }, { Accept: { pdf: "application/pdf", html: "text/html", csv: "text/csv" }[form] }, `${fileName()}.supplier.${form}`, "The sheet");
+
 export function save(content: Blob, name: string): void {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(content);

@@ -17,7 +17,7 @@ import { Dots } from "./Dots";
 import { Reach } from "./Levers";
 import { Limit, limitOf, Pulled } from "./Limit";
 import { Problems } from "./Problems";
-import { ReportLink } from "./Reports";
+import { handOver, ReportLink } from "./Reports";
 import { Fold, Term } from "./Words";
 
 const warming = signal(false); // the service says that it is not ready yet
@@ -75,11 +75,12 @@ export function Verdict() {
       {estimated.value?.record.fifty_shots && !problem && <Dots rows={[{ name: "", shots: estimated.value.record.fifty_shots }]} old={old || !standing.value.holds} />}
       <Acts />
       <div class="judged">
-      {reading && <Limit />}
+      {reading && !problem && <Limit />}
       <div class="sentence">
+        <Pulled />
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
-        {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Pulled /><Findings reading={reading} /></div>}
+        {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
       </div>
       </div>
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)}${sign(unit)}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)}${sign(unit)} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
@@ -125,6 +126,7 @@ function Next() {
   const d = optimum ? decimalsOf(optimum.certificate.verification) : decimals.value;
   if (optimum) return <button type="button" class="next" data-kind="estimate" onClick={() => takeOptimum(optimum)}>{`Take the optimum: ${optimum.cost_before != null && optimum.cost_after != null && optimum.cost_before !== optimum.cost_after ? `cost ${brief(optimum.cost_before)} → ${brief(optimum.cost_after)}, ` : ""}P95 ${mm(optimum.p95_before_mm, d)} → ${mm(optimum.p95_after_mm, d)} mm by estimate`}</button>;
   if (!verdict || !["fail", "inconclusive", "pass"].includes(verdict.status)) return null;
+  if (verdict.status === "pass" && verified.value) return <button type="button" class="next" onClick={() => handOver("pdf")}>Next: the sheet for the supplier</button>;
   if (verdict.status !== "fail") return verified.value ? null : <button type="button" class="next" onClick={verify}>{verdict.status === "pass" ? "Next: verify that it passes" : "Next: verify, the estimate cannot say"}</button>;
   if (!verified.value && !standing.value.holds) return <button type="button" class="next" onClick={verify}>Next: verify, the estimate does not hold</button>;
   return step && <button type="button" class="next" data-kind="estimate" onClick={takeAdvice}>{`Tighten ${step.words} → ${mm(step.found, advised.value!.digits)} ${advised.value!.unit} by estimate${step.passes ? ", pass" : ""}`}</button>;

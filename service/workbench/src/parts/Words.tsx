@@ -51,19 +51,12 @@ export function Tip() {
 /** All words; shown and left by a button, the key ?, and Escape. */
 export function WordList() {
   const dialog = useRef<HTMLDialogElement>(null);
-  useEffect(() => {
-    if (listed.value && !dialog.current?.open) dialog.current?.showModal();
-    if (!listed.value && dialog.current?.open) dialog.current.close();
-  }, [listed.value]);
+  useEffect(() => dialog.current!.showModal(), []);
   return (
     <dialog ref={dialog} class="words" aria-label="What the words mean" onClose={() => (listed.value = false)}>
-      {listed.value && (
-        <>
-          <p class="controls"><strong>What the words mean</strong><button type="button" onClick={() => (listed.value = false)}>Close</button></p>
-          <dl tabIndex={0}>{Object.entries(GLOSSARY).map(([word, meaning]) => <div key={word}><dt>{word}</dt><dd>{meaning}</dd></div>)}</dl>
-          <p class="note">Keys: Ctrl+Z and Ctrl+Shift+Z undo and redo; in a picture the arrows move the chosen bead by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before, Ctrl+A all, Escape none; with Shift a press adds a bead, with Ctrl a drag draws a frame; + and − zoom, 0 fits; ? shows this list.</p>
-        </>
-      )}
+      <p class="controls"><strong>What the words mean</strong><button type="button" onClick={() => dialog.current!.close()}>Close</button></p>
+      <dl tabIndex={0}>{Object.entries(GLOSSARY).map(([word, meaning]) => <div key={word}><dt>{word}</dt><dd>{meaning}</dd></div>)}</dl>
+      <p class="note">Keys: Ctrl+Z and Ctrl+Shift+Z undo and redo; in a picture the arrows move the chosen bead by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before, Ctrl+A all, Escape none; with Shift a press adds a bead, with Ctrl a drag draws a frame; + and − zoom, 0 fits; ? shows this list.</p>
     </dialog>
   );
 }
