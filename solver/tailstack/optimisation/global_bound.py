@@ -17,7 +17,8 @@ more.  A symmetric L with ``f' L f <= 1`` for each of them is therefore below ev
 mass out of a ball about its centre (Anderson 1955), and so does a larger normal part: the exact quantile of the law
 with L in place of S, and without what cannot be bounded, is a lower bound.  A known bias b that no layout moves is kept
 at another level: ``P(|b + X + Y| <= r) <= (1 + P(|b + X| <= r)^2) / 2`` for log-concave symmetric X and any symmetric Y
-(Prekopa), so ``r_p`` with Y is at least ``r_q`` without, q = sqrt(2 p - 1).
+(Prekopa), so ``r_p`` with Y is at least ``r_q`` without, q = sqrt(2 p - 1).  What L leaves of the images, uniform
+manufacturing errors too, has a mean square that no layout is below, and that raises the quantile (``chance_bound``).
 
 *In floating point.*  z, L and the net are floats that need not be the best ones; what has to hold is enclosed: phi over
 a cell by its Taylor polynomial with every remainder bounded, and rounding by the sums of absolute values
@@ -26,7 +27,7 @@ a cell by its Taylor polynomial with every remainder bounded, and rounding by th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -44,6 +45,7 @@ from ..results import GlobalBound
 from ..results.digits import at_most
 from ..system import Law, Place
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
+from .chance_bound import raise_quantile
 from .exact_law import evaluate_demand, quantiles_of
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
@@ -119,6 +121,7 @@ class QuantileBound(NamedTuple):
 
     value_mm: float
     bias_in_words: str  # what became of what is known; empty where nothing is
+    counts_made: bool = False  # whether manufacturing errors that are not normal are counted, by their mean square
 
 
 def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> QuantileBound:
@@ -132,23 +135,33 @@ def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_
         return _bound_units(term, half_width, images, moved)
     law = law_with(term, half_width, images)
     if (value := value_of(requirement)) is None:
-        return _bound_pooled(law, requirement.quantile, bias, moved)
+
+        def known(weight: Array) -> float:
+            told, to_error = every_law_in(problem, term), term.to_error
+            return least_mean_square(*told, to_error.T @ weight @ to_error) - float((weight * images).sum())
+
+        return _bound_pooled(law, requirement.quantile, bias, moved, known)
     sure_quantile(law, requirement.quantile)  # where that is sampled, so is the mean
     # A mean of |e|, over all shots or the worst of them, is convex: what is independent of it only adds (Jensen).
     law = law if moved else replace(law, mean=bias)
     return QuantileBound(value(law) * (1 - MEAN_ERROR), ", without the known bias" if moved else "")
 
 
-def _bound_pooled(law: LinearLaw, p: float, bias: Array, moved: bool) -> QuantileBound:
-    """Of the quantile of a law about 0, with a bias (3,) mm and whatever is independent besides."""
-    least_mm = least_quantile(law, p)
+def _bound_pooled(
+    law: LinearLaw, p: float, bias: Array, moved: bool, known: Callable[[Array], float] | None = None
+) -> QuantileBound:
+    """Of the quantile of a law about 0, with a bias (3,) mm and whatever is independent besides; known: of what is in
+    any case, the least mean square (``chance_bound``)."""
+    bare_mm = least_mm = least_quantile(law, p)
+    if known is not None:
+        least_mm = raise_quantile(law, p, bare_mm, known, spread_directions(FREQUENCY))
     if bias.any() and not moved and p > 0.5:
         level = p if not law.columns.any() else sqrt(2 * p - 1)
         with_bias = least_quantile(replace(law, mean=bias), level)
         if with_bias > least_mm:
             at = "" if level == p else f", computed at P{100 * level:.2f} so that it holds with the known bias"
             return QuantileBound(with_bias, at)
-    return QuantileBound(least_mm, ", without the known bias" if bias.any() or moved else "")
+    return QuantileBound(least_mm, ", without the known bias" if bias.any() or moved else "", least_mm > bare_mm)
 
 
 def _bound_units(term: DemandTerms, half_width: Array, images: Array, moved: bool) -> QuantileBound:
@@ -215,7 +228,7 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
         images = None if reached is None else _gap_of_images(problem, term, choice)
     except NoBound as reason:
         return replace(told, statement=f"No bound: {reason}.")
-    names, least = left_out(problem, term), float(at_most(bound.value_mm, SAID))
+    names, least = left_out(problem, term, bound.counts_made), float(at_most(bound.value_mm, SAID))
     tightest = None if at_least is None else float(at_most(at_least.value_mm, SAID))
     gap = None if reached is None else 100 * (reached / least - 1)
     own = "" if gap is None else f"; this one has {value:.4g} mm ({gap:.2g} % more)"
@@ -257,9 +270,15 @@ def _gap_of_images(problem: PlacementProblem, term: DemandTerms, choice: Choice)
     images = evaluate_demand(problem, term, choice).images
     covariance = images.noise + images.made
     felt = _slopes_by_images(term, choice.half_width, covariance)
-    information = information_of(problem, term, every_law=True)
-    least = least_mean_square(information, cells_in(information), term.to_error.T @ felt @ term.to_error)
+    least = least_mean_square(*every_law_in(problem, term), term.to_error.T @ felt @ term.to_error)
     return float(100 * (sqrt((felt * covariance).sum() / least) - 1))
+
+
+@lru_cache(maxsize=4)
+def every_law_in(problem: PlacementProblem, term: DemandTerms) -> tuple[Information, tuple[Cells, ...]]:
+    """What images can tell, with manufacturing errors of any law, and the cells of all fiducials."""
+    information = information_of(problem, term, every_law=True)
+    return information, cells_in(information)
 
 
 def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
@@ -278,10 +297,10 @@ def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
     return ""
 
 
-def left_out(problem: PlacementProblem, term: DemandTerms) -> tuple[str, ...]:
-    """Labels of what the bound does not count, and which can only add to it."""
-    system = problem.system
-    effects = [each for each in system.errors_of_points if not each.of_target and not _counts_made(problem, term)]
+def left_out(problem: PlacementProblem, term: DemandTerms, counts_made: bool = False) -> tuple[str, ...]:
+    """Labels of what the bound does not count, and which can only add to it; counts_made: by their mean square."""
+    system, counts_made = problem.system, counts_made or _counts_made(problem, term)
+    effects = [each for each in system.errors_of_points if not each.of_target and not counts_made]
     names = [each.words for each in effects if not each.acts_at(Place.IMAGES)]
     names += [each.words for each in (*system.believed_errors, *system.shared_image_errors) if each is not None]
     bounded = [source.contributor for source in term.sources if source.law is Law.BOUNDED]

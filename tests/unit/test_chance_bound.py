@@ -1,0 +1,59 @@
+"""A quantile from a mean square, held against laws that scipy integrates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
+
+from tailstack.geometry.arrays import Array
+from tailstack.optimisation.chance_bound import raise_quantile
+from tailstack.optimisation.global_bound import spread_directions
+from tailstack.tail.declared import LinearLaw
+
+NET = spread_directions(5)
+
+
+def round_law(columns: Array | None = None) -> LinearLaw:
+    told = np.zeros((3, 0)) if columns is None else columns
+    return LinearLaw(np.zeros(3), np.eye(3), told, np.zeros(told.shape[1], dtype=np.int64))
+
+
+def with_uniform(half_width: float) -> float:
+    """The P95 of N(0, 1) in space with one uniform displacement."""
+
+    def chance(r: float) -> float:
+        within = quad(lambda y: ncx2.cdf(r * r, 3, max(y * y, 1e-300)), 0, half_width)[0]
+        return float(within / half_width) - 0.95
+
+    return float(brentq(chance, 2.5, 6.0))
+
+
+@pytest.mark.parametrize(("variance", "share"), [(0.01, 0.85), (0.1, 0.85), (0.5, 0.65)])
+def test_it_is_below_every_law_of_that_mean_square_and_near(variance: float, share: float) -> None:
+    """independent: noncentral chi-square laws.  A uniform displacement along one line, and normal ones along three, of
+    one mean square; the one is nearly the worst that a fourth moment allows, the others nearly the best."""
+    bare = float(np.sqrt(chi2.ppf(0.95, 3)))
+    raised = raise_quantile(round_law(), 0.95, bare, lambda weight: float(variance * np.trace(weight)), NET)
+    line, space = with_uniform(3 * np.sqrt(variance)), bare * np.sqrt(1 + variance)
+    assert bare < raised < min(line, space)
+    assert raised - bare > share * (space - bare)
+
+
+def test_what_is_known_in_part_of_the_law_is_below_all_of_it() -> None:
+    """independent: the uniform displacement in the law, or known by its mean square."""
+    half_width = 0.6
+    column = np.zeros((3, 1))
+    column[1] = half_width
+    bare = float(np.sqrt(chi2.ppf(0.95, 3)))
+    known = raise_quantile(round_law(), 0.95, bare, lambda weight: float(weight[1, 1]) * half_width**2 / 3, NET)
+    assert bare < known <= with_uniform(half_width)
+    other = 0.05
+    both = raise_quantile(round_law(column), 0.95, known, lambda weight: float(other * np.trace(weight)), NET)
+    assert known < both
+
+
+def test_nothing_known_raises_nothing() -> None:
+    assert raise_quantile(round_law(), 0.95, 2.0, lambda weight: 0.0, NET) == 2.0
