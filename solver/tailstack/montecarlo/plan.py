@@ -128,6 +128,10 @@ class ChainPlan:
         stretched = counts[EQ18] != 0 and moves(counts, SEAT)
         return counts[SMALL_ANGLE] == 0 or not (stretched or 0 < counts[UNKNOWNS] < 11)
 
+    def columns_of(self, name: str) -> slice:
+        """Where the deviates of a block stand; empty where it has none."""
+        return next((slice(block.start, block.stop) for block in self.blocks if block.name == name), slice(0, 0))
+
     @property
     def inputs(self) -> int:
         """The same number, by the name the second-order correction asks for."""
