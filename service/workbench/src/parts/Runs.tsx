@@ -6,6 +6,7 @@ import type { components } from "../../../../openapi/typescript/tailstack";
 import { onSurface, optimise, takeOptimum, verify } from "../acts";
 import { key } from "../api";
 import { START } from "../advice";
+import { roundStep } from "../geometry";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, startProblem, stateWords, unfinished } from "../jobs";
 import { precisionOf, read } from "../readings";
 import { contentOf, design, type Json, open, text } from "../state";
@@ -117,7 +118,7 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
 /** How often which error occurs: sampled as bars, by first order as a line; where P95 and the limit are. */
 function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distribution; decimals: number; p95: number; limit: number | null; perUnit: boolean }) {
   const { edges_mm: edges, sampled, first_order: law } = shares, width = 360, height = 110, foot = 18;
-  const end = edges[edges.length - 1], top = Math.max(...law, ...(sampled ?? []), 1e-9);
+  const end = edges[edges.length - 1], step = roundStep(end / 4), top = Math.max(...law, ...(sampled ?? []), 1e-9);
   const x = (value: number) => (width * value) / end, y = (share: number) => height - (0.92 * height * share) / top;
   const line = law.map((share, k) => `${k ? "L" : "M"}${x(edges[k])} ${y(share)}H${x(edges[k + 1])}`).join("");
   const marks = [{ name: "P95", at: p95 }, ...(limit === null ? [] : [{ name: "limit", at: limit }])];
@@ -132,7 +133,7 @@ function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distr
           <g key={name} class={name}><path d={`M${x(at)} ${height}V0`} /><text x={x(at)} y="-2" text-anchor={(name === "P95") === (limit !== null && p95 < limit) ? "end" : "start"}>{name}</text></g>
         ))}
         <path class="axis" d={`M0 ${height}H${width}`} />
-        {[0, 0.25, 0.5, 0.75, 1].map((part) => <text key={part} x={width * part} y={height + 13} text-anchor={part === 0 ? "start" : part === 1 ? "end" : "middle"}>{`${brief(Number((end * part).toPrecision(3)))}${part === 1 ? " mm" : ""}`}</text>)}
+        {Array.from({ length: Math.ceil(end / step) }, (_, k) => <text key={k} x={x(k * step)} y={height + 13} text-anchor={k ? "middle" : "start"}>{k ? brief(k * step) : "0 mm"}</text>)}
       </svg>
     </figure>
   );
