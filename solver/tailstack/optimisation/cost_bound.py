@@ -23,6 +23,7 @@ half-widths that keep the limits with L.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
 from math import exp, inf, log
@@ -34,11 +35,13 @@ from scipy.optimize import brentq
 
 from ..design import Design
 from ..design.loading import locate_refusals
+from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most
 from ..system import Law
 from ..tail.declared import LinearLaw, evaluation_of
+from .exact_law import evaluate_demand
 from .global_bound import (
     SAID,
     NoBound,
@@ -47,6 +50,7 @@ from .global_bound import (
     fit_images,
     is_bias_moved,
     law_with,
+    least_quantile,
     left_out,
     net_of,
     sure_quantile,
@@ -56,6 +60,7 @@ from .grades import choose_grades
 from .prices import Price, cost_of, slope_of, smooth_cost
 from .problem import PlacementProblem, present_choice
 from .request import read_request
+from .search import LEADING, MANY_DEMANDS
 from .terms import DemandTerms, every_terms
 
 NEAR, MOST_CELLS = 0.01, 500  # of the cost of what keeps the limits with L; cells that are looked into
@@ -114,7 +119,7 @@ def bound_any_layout(
             raise NoBound(why_none(problem, terms[0]) or "the mean of an error is limited, and no quantile of it")
         if not all(free.drawn is None or free.drawn.widens for free in problem.half_widths):
             raise NoBound("a value of a drawing is wider in one scalar than the next, and narrower in another")
-        allowed = [_allow(problem, term, half_width) for term in bounded]
+        allowed = [_allow(problem, term, half_width) for term in _take_leading(problem, bounded, half_width)]
         least = bound_allocation(problem, allowed, half_width)
     except NoBound as reason:
         return Relaxation("none", compared, None, None, f"No bound: {reason}.")
@@ -165,6 +170,22 @@ def enough_for(problem: PlacementProblem, gap: float | None) -> float:
         elif (known := bound_any_layout(problem, terms, here.half_width, inf, 0.0)) is not None:
             least = known.lower_bound
     return -inf if gap is None or least is None else least * (1 + gap)
+
+
+def _take_leading(problem: PlacementProblem, terms: Sequence[DemandTerms], half_width: Array) -> Sequence[DemandTerms]:
+    """Of many limits those that are likely to bind, by the present layout: each has a net of its own, and to leave
+    some out only lowers the bound."""
+    if len(terms) <= MANY_DEMANDS:
+        return terms
+    here = replace(present_choice(problem), half_width=half_width)
+    try:
+        images = [evaluate_demand(problem, term, here).images for term in terms]
+    except IllPosedError:
+        return terms
+    laws = [law_with(term, half_width, own.noise + own.made) for term, own in zip(terms, images, strict=True)]
+    reached = [least_quantile(law, _level_of(term)) for law, term in zip(laws, terms, strict=True)]
+    ratios = np.array(reached) / [term.demand.requirement.limit for term in terms]
+    return [term for term, ratio in zip(terms, ratios, strict=True) if ratio >= LEADING * ratios.max()]
 
 
 def _level_of(term: DemandTerms) -> float:

@@ -46,13 +46,13 @@ from ..results.digits import at_most
 from ..system import Law, Place
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .chance_bound import raise_quantile
+from .enclosure import Forms, enclose
 from .exact_law import evaluate_demand, quantiles_of
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
 from .terms import DemandTerms
 
-ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
 FREQUENCY = 5  # of the net of directions: 4 n^2 + 2 of them, half of them opposite
 NARROWER = 0.99  # of the spacing: how wide a cell is from corner to corner
 MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes there: beyond, cells are wider
@@ -100,16 +100,6 @@ class Information:
             own = z[:, first : first + len(tangents)]
             yield np.einsum("kd,dab->kab", own, tangents), np.einsum("kd,dab->kab", np.abs(own), sizes)
             first += len(tangents)
-
-
-class Forms(NamedTuple):
-    """Whitened displacements of images, ``y' B y / (w . y)^2`` of where a bead is, y = (x, 1)."""
-
-    quadratic: Array  # (R, K, 4, 4) symmetric
-    size: Array  # (R, K, 4, 4) of absolute terms
-    depth: Array  # (R, 4)
-    moved: Array  # (R, 3, 4) the linear numerator, for each axis along which a bead may be displaced
-    moved_size: Array  # (R, 3, 4)
 
 
 class NoBound(ValueError):
@@ -186,11 +176,17 @@ def _bound_units(term: DemandTerms, half_width: Array, images: Array, moved: boo
 def fit_images(net: Net, term: DemandTerms, half_width: Array) -> Array:
     """(3, 3) mm^2 in the frame of the error, below what the images add at any layout: the L that the law at
     half-widths (K,) feels most."""
+    return _fit_images(net, term, tuple(half_width.tolist()))
+
+
+@lru_cache(maxsize=16)
+def _fit_images(net: Net, term: DemandTerms, widths: tuple[float, ...]) -> Array:
+    half_width = np.array(widths)
     to_error, least = term.to_error, net.metric
     for _ in range(2):  # which L is best depends on the law that it makes
         slopes = _slopes_by_images(term, half_width, to_error @ least @ to_error.T)
         least = fit_below(net, to_error.T @ slopes @ to_error)
-    return np.asarray(to_error @ least @ to_error.T)
+    return frozen(np.asarray(to_error @ least @ to_error.T))
 
 
 def _slopes_by_images(term: DemandTerms, half_width: Array, images: Array) -> Array:
@@ -321,12 +317,17 @@ def is_bias_moved(problem: PlacementProblem) -> bool:
 
 def columns_with(term: DemandTerms, half_width: Array) -> Columns:
     """Of what acts outside the images, at half-widths (K,); what is bounded has no law, and at its worse end adds."""
-    sources = term.sources
-    widths = np.array([each.size_at(half_width) for each in sources])
-    std = widths * np.array([each.std_per_half_width for each in sources])
-    kinds = np.array([KIND[each.law] for each in sources], dtype=np.int64)
-    gains = np.ascontiguousarray(term.gains.base.T)
-    return Columns(gains, std, widths, kinds, np.zeros(len(sources), dtype=np.int64))
+    widths = np.array([each.size_at(half_width) for each in term.sources])
+    gains, per_width, kinds, drawn = _fixed_of(term)
+    return Columns(gains, per_width * widths, widths, kinds, drawn)
+
+
+@lru_cache(maxsize=64)
+def _fixed_of(term: DemandTerms) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """What no half-width changes of the columns of a demand."""
+    per_width = np.array([each.std_per_half_width for each in term.sources])
+    kinds = np.array([KIND[each.law] for each in term.sources], dtype=np.int64)
+    return np.ascontiguousarray(term.gains.base.T), per_width, kinds, np.zeros(len(kinds), dtype=np.int64)
 
 
 def law_with(term: DemandTerms, half_width: Array, images: Array) -> LinearLaw:
@@ -460,36 +461,12 @@ def slopes_at(information: Information, kind: int, place: Array, sees: NDArray[n
     return Slopes(along / square, np.einsum("na,rja->nrj", y, forms.moved) / square)
 
 
-def enclose(forms: Forms, centres: Array, half: Array, reach: Array, displaced: Array) -> Array:
-    """(8, n, K): at each corner of n cells an upper bound of the sum of squares of the whitened displacements anywhere
-    in the cell, as far as it is convex there: the largest of the eight bounds the cell.
-
-    centres (n, 3); half, reach (3,): half the extent of a cell, and of all of them about 0; displaced (n, K, 3) mm:
-    where the point is taken to have been displaced.  A displacement is N(x) / w(x)^2, N quadratic and w linear: with
-    d from the centre, ``1 / w^2 = (1 - 2 s.d / w + E) / w^2``, ``|E| <= 3 r^2 / (1 - r)^4`` where ``|s.d| <= r w``.
-    """
-    y, far = np.column_stack([centres, np.ones(len(centres))]), np.append(reach, 1.0)
-    total = np.zeros((8, len(centres), forms.quadratic.shape[1]))
-    corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
-    for quadratic, size, depth, moved, moved_size in zip(*forms, strict=True):
-        slope = 2 * (y @ quadratic.reshape(-1, 4).T).reshape(len(y), -1, 4)
-        value = (slope @ y[:, :, None])[..., 0] / 2
-        by_move = np.einsum("ja,na->nj", moved, y)
-        value = value - np.einsum("nj,nkj->nk", by_move, displaced)
-        gradient = slope[:, :, :3] - np.einsum("ja,nkj->nka", moved[:, :3], displaced)
-        terms = np.einsum("a,kab,b->k", far, size, far) + np.abs(displaced) @ (moved_size @ far)
-        bend = np.einsum("a,kab,b->k", half, np.abs(quadratic[:, :3, :3]), half)
-        w = y @ depth
-        ratio = np.abs(depth[:3]) @ half / w
-        if not (w > 0).all() or (ratio > 0.5).any():
-            raise NoBound("where fiducials may be reaches the source of a view")
-        excess, ratio, w = (3 * ratio**2 / (1 - ratio) ** 4)[:, None], ratio[:, None], w[:, None]
-        rest = np.abs(value) * excess + (np.abs(gradient) @ half) * (2 * ratio + excess)
-        rest = (rest + bend * (1 + 2 * ratio + excess) + 8 * ROUNDING * terms) / w**2
-        value, gradient = value / w**2, gradient / w[:, :, None] ** 2 - (2 * value / w**3)[:, :, None] * depth[:3]
-        for corner, part in zip(corners, total, strict=True):
-            part += (np.abs(value + gradient @ corner) + rest) ** 2
-    return total
+def at_corners(forms: Forms, centres: Array, half: Array, reach: Array, displaced: Array) -> Array:
+    """(n, K, 8) of :func:`enclose`.  Raises NoBound."""
+    corners = enclose(forms, centres.copy(), half, reach, displaced)
+    if not isfinite(corners.max()):
+        raise NoBound("where fiducials may be reaches the source of a view")
+    return corners
 
 
 class Cells(NamedTuple):
@@ -589,7 +566,7 @@ def most_known(information: Information, cells: tuple[Cells, ...], z: Array, tog
     total = known_from_target(information, z)
     total = total.sum(keepdims=True) if together else total
     for each in cells:
-        corners = np.zeros((8, len(each.centres), len(z)))
+        corners = np.zeros((len(each.centres), len(z), 8))
         for place, sees, made in zip(each.places, each.beads.sees, each.beads.made_mm, strict=True):
             forms = forms_of(information, 0, place, sees, z)
             displaced = np.zeros((len(each.centres), len(z), 3))
@@ -601,10 +578,10 @@ def most_known(information: Information, cells: tuple[Cells, ...], z: Array, tog
                 inner = np.eye(3) + np.swapaxes(by_made, 1, 2) @ by_made
                 units = np.swapaxes(np.linalg.solve(inner, np.swapaxes(by_made, 1, 2) @ seen), 1, 2)
                 displaced = units @ made.T
-                corners += (units**2).sum(axis=2)
-            corners += enclose(forms, each.centres, each.half, each.reach, displaced)
-        corners = corners.sum(axis=2, keepdims=True) if together else corners
-        total = total + each.most(corners.max(axis=0))
+                corners += (units**2).sum(axis=2)[:, :, None]
+            corners += at_corners(forms, each.centres, each.half, each.reach, displaced)
+        corners = corners.sum(axis=1, keepdims=True) if together else corners
+        total = total + each.most(corners.max(axis=2))
     return np.asarray(total * (1 + 1e-12))
 
 
@@ -613,7 +590,7 @@ def known_from_target(information: Information, z: Array) -> Array:
     everywhere = np.ones(len(information.projections), dtype=bool)
     forms = forms_of(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, z)
     still, point = np.zeros(3), np.zeros((1, 3))
-    return np.asarray(enclose(forms, point, still, still, -z[None, :, :3]).max(axis=0)[0])
+    return np.asarray(at_corners(forms, point, still, still, -z[None, :, :3]).max(axis=2)[0])
 
 
 def choose_unknowns(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
@@ -637,10 +614,10 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
         known = np.einsum("kd,de,ke->k", z, base, z)
         added = np.broadcast_to(base, (count, size, size)).copy()
         for own in cells:
-            told = ((own.slopes @ z.T) ** 2).sum(axis=1)
-            known = known + own.most(told)
-            picked = own.slopes[np.argpartition(told, -own.kept, axis=0)[-own.kept :].T]
-            rows = picked.reshape(count, -1, size)
+            told = np.ascontiguousarray(((own.slopes @ z.T) ** 2).sum(axis=1).T)
+            picked = np.argpartition(told, -own.kept, axis=1)[:, -own.kept :]
+            known = known + own.in_each * np.take_along_axis(told, picked, axis=1).sum(axis=1)
+            rows = own.slopes[picked].reshape(count, -1, size)
             added += np.swapaxes(rows, 1, 2) @ rows * own.in_each
         better = known < least
         best[better], least[better] = z[better], known[better]
