@@ -25,8 +25,8 @@ from ..geometry.arrays import Array
 from ..tail.declared import LinearLaw, lattice_columns
 from ..tail.lattice import Accuracy, balls, build, on_principal_axes
 
-ACCURACY = Accuracy(2e-8, 1e-8, 6e4)
-ERROR = 1e-6  # absolute, of a chance and of what errors of its slope make of it
+ACCURACY = Accuracy(5e-9, 1e-8, 6e4)
+ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of it, as slopes are off by as much
 FIRST, LAST, RATIO = 1e-2, 4.0, 1.6  # t at the first radius by m, and at the last; from one to the next
 FAR, AWAY, LEAST = 10.0, 0.6, 0.02  # t by m, distance from 0 by the quantile, and g, up to where tangents touch
 TRIED = (1.0, 0.98, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4, 0.3)  # of what m adds to a slope
@@ -57,17 +57,18 @@ def raise_quantile(
     away_mm = min(AWAY * least_mm, np.sqrt(FAR * m * np.linalg.eigvalsh(unit @ unit.T)[2]))
     if not tried or not (lattice := build(tried[0], frame._replace(away=np.full(3, away_mm)), ACCURACY, True)).volume:
         return least_mm
+    error = ERROR + SLOPES * lattice.decade
     terms = np.stack([lattice.w * balls(r, lattice.t) for r in tried])
     t = FIRST * m * RATIO ** np.arange(np.ceil(np.log(LAST / (FIRST * m)) / np.log(RATIO)) + 1)
     corners = np.concatenate([net[0], -net[0]])[net[1]]
-    pieces = list(_chords(lattice.k, terms, unit, corners, np.sqrt(t), away_mm))
+    pieces = list(_chords(lattice.k, terms, unit, corners, np.sqrt(t), away_mm, error))
     low, high = (np.array(each) for each in zip(*pieces, strict=True))
-    centre = terms.sum(axis=1) + ERROR
+    centre = terms.sum(axis=1) + error
     return next((r for k, r in enumerate(tried) if _most_within(m, t, centre[k], low[:, k], high[:, k]) <= p), least_mm)
 
 
 def _chords(
-    k: Array, terms: Array, unit: Array, corners: Array, radii: Array, away_mm: float
+    k: Array, terms: Array, unit: Array, corners: Array, radii: Array, away_mm: float, error: float
 ) -> Iterator[tuple[Array, Array]]:
     """(R,) twice, between each two radii of u: the ends of a chord, over the square of the radius, above g.
 
@@ -78,13 +79,13 @@ def _chords(
     waves = k @ unit
     along = middles @ waves.T
     risen = (terms[:, :, None] * waves).transpose(1, 0, 2).reshape(len(k), -1)
-    alpha = np.repeat(np.log(terms.sum(axis=1) + ERROR)[:, None], len(corners), axis=1)
+    alpha = np.repeat(np.log(terms.sum(axis=1) + error)[:, None], len(corners), axis=1)
     rate = np.zeros_like(alpha)
     for begin, end in pairwise(radii):
         at = (begin + end) / 2
         near = np.linalg.norm(at * middles @ unit.T, axis=1) <= away_mm
         if near.any():
-            value = terms @ np.cos(at * along[near]).T + ERROR
+            value = terms @ np.cos(at * along[near]).T + error
             slope = -(np.sin(at * along[near]) @ risen).reshape(near.sum(), len(terms), 3).transpose(1, 0, 2)
             slope /= np.maximum(value, LEAST)[:, :, None]
             falls = -np.einsum("rta,tva->rtv", slope, corners[near]).max(axis=2)
