@@ -22,9 +22,7 @@ to the exact squared quantile fell below 1.  ``c = q_1 - 1`` alone is no bound b
 
     p    0.8     0.9     0.95    0.99    0.999
          1.186   1.063   1.0187  1.125   1.231
-
-*For many layouts* there is a small programme with the image covariances as parameters.  It has the same moments and
-closed form as the large programme, of the half-widths (or their common factor) and the slack alone."""
+"""
 
 from __future__ import annotations
 
@@ -35,7 +33,6 @@ from math import exp, sqrt
 from threading import Lock
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -43,13 +40,7 @@ from scipy.special import gammaincinv, lambertw
 
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..geometry.arrays import Array
-from .exact_law import Evaluation, error_moments, squared_quantile
 from .prices import Price
-from .problem import Choice
-from .program import QUIET, SOLVED, Program, log_cost, log_half_widths
-from .solver import make_solver
-from .symbols import elements
-from .terms import ImageParts, pivot_shift_of
 
 # Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
 _SOLVER_OPTIONS = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
@@ -388,60 +379,3 @@ def squared_bound(covariance: Array, p: float) -> Array:
     """(t,) mm^2, at least the squared p-quantile of |N(0, S)| for each S of covariance (t, 3, 3) mm^2."""
     trace = np.trace(covariance, axis1=1, axis2=2)
     return np.asarray(trace + frobenius_constant(p) * np.linalg.norm(covariance, axis=(1, 2)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Budgets:
-    """The small programme of a large one."""
-
-    program: Program
-    solver: Any
-    lower: Array  # (U + 1,) of the variables: logarithms, and the slack last
-    upper: Array
-
-
-def budgets_of(program: Program) -> Budgets:
-    """Build it once; :func:`best_budget` solves it at a layout."""
-    problem = program.problem
-    u, s = ca.SX.sym("u", program.width_variables), ca.SX.sym("s")
-    logs = log_half_widths(problem, program.present_width, u)
-    half_width = np.array([ca.exp(value) for value in logs], dtype=object)
-    shift = ca.SX.sym("w", 3 * len(problem.pivots))
-    rows, parameters = [], []
-    for term in program.terms:
-        images, signs = ca.SX.sym("images", 15 + 3 * len(term.common)), ca.SX.sym("signs", len(term.at_ends))
-        law = error_moments(term, ImageParts.of(elements(images)), half_width, elements(shift), elements(signs))
-        limit = 2 * float(np.log(term.demand.requirement.limit))
-        rows.append(ca.log(squared_quantile(term.demand, law)) - limit - s)
-        parameters += [images, signs]
-    cost = log_cost(problem, logs)
-    if problem.cost_limit is not None:
-        rows.append(cost - float(np.log(problem.cost_limit)))
-    nlp = {
-        "x": ca.vertcat(u, s),
-        "p": ca.vertcat(*parameters, shift),
-        "f": s if problem.objective == "quantile" else cost,
-        "g": ca.vertcat(*rows),
-    }
-    lower, upper = program.bounds("main")
-    at = program.widths_at
-    return Budgets(
-        program,
-        make_solver("budgets", nlp, QUIET | {"ipopt.tol": 1e-7}),
-        np.concatenate([lower[at], lower[-1:]]),
-        np.concatenate([upper[at], upper[-1:]]),
-    )
-
-
-def best_budget(budgets: Budgets, choice: Choice, evaluations: list[Evaluation], start: Array) -> float | None:
-    """The programme's objective at the optimum of a choice's layout and pivots: log of the cost, or of the squared
-    largest ratio.  None where the limits are out of reach.
-
-    ``evaluations`` there, one for each of the programme's terms; ``start`` (U,) logarithms.
-    """
-    images = (part for item in evaluations for part in (item.images.numbers, item.signs))
-    parameters = np.concatenate([*images, pivot_shift_of(budgets.program.problem, choice)])
-    lower, upper = budgets.lower, budgets.upper
-    x0 = np.clip(np.concatenate([start, [0.0]]), lower, upper)
-    result = budgets.solver(x0=x0, p=parameters, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
-    return float(result["f"]) if budgets.solver.stats()["return_status"] in SOLVED else None

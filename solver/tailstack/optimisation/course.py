@@ -13,7 +13,7 @@ exact law             the closed form corrected until the declared law itself is
 grades                what is bought from a table, and everything else around it (``grades``)
 check                 Monte Carlo with a fresh seed, the aim tightened until it passes; the design as it stands, where
                       that is better and passes too (``tightening``, ``present``)
-front, moves          the same at other limits, where the fiducials stand, and with fewer moves (``alternatives``,
+front, moves          the same at other limits, where the fiducials stand, and with fewer moves (``front``,
                       ``moves``)
 record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
                       ``certificate``, ``allocation``)
@@ -33,8 +33,8 @@ from ..design.loading import locate_refusals
 from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
-from .alternatives import trace_front
 from .cost_bound import enough_for
+from .front import trace_front
 from .moves import value_moves
 from .offer import weigh_offer
 from .placement import settle

@@ -1,9 +1,9 @@
 """What moving fiducials buys beyond leaving them where they are, and how few of the moves keep most of it.
 
-What is left is valued like any other layout (``alternatives``).  The fewest moves are found by optima of their own, by
-the closed form too: some fiducials are held in their places, the others and all that is free besides are solved for
-again.  The moves are taken in the order of what each buys alone, until they keep ``SHARE`` of what all buy, and those
-that turn out not to be needed are given up again.  Not every subset is tried: a smaller one may do.
+What is left, and the fewest moves, are found by optima of their own, by the closed form: all or some fiducials are held
+in their places, the others and all that is free besides are solved for again.  The moves are taken in the order of what
+each buys alone, until they keep ``SHARE`` of what all buy, and those that turn out not to be needed are given up again.
+Not every subset is tried: a smaller one may do.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from math import inf
 
 import numpy as np
 
+from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..results import MovesValue, MoveValue
 from ..results.digits import percent_change
-from .alternatives import value_layouts
 from .present import bring_inside, broken_rules
 from .problem import Choice, present_choice
 from .program import EXACT_HESSIAN, solve
@@ -47,10 +47,10 @@ def value_moves(
     outside = np.abs(home_mm - here.fiducials_mm).max() > OUTSIDE_MM or any(
         broken_rules(problem, search.terms, home_mm)
     )
-    left = None if outside else value_layouts(search)(home_mm)
-    if left is None:
+    left = inf if outside else _solve_for(search, (), home_mm, home_mm)
+    if left == inf:
         words = "moving buys everything: where the fiducials stand, limits and rules of the layout cannot be kept."
-        return MovesValue(left, moved, (), (), None, 0, words)
+        return MovesValue(None, moved, (), (), None, 0, words)
     what = "the largest part of a limit" if problem.objective == "quantile" else "the cost"
     words = (
         f"with everything else optimised alike, {what} is {left:.4g} where the fiducials stand and {moved:.4g} where "
@@ -94,7 +94,15 @@ def _solve_for(search: Search, free: Sequence[int], home_mm: Array, placed_mm: A
     layout[own] = placed_mm[own]
     if is_singular(program.problem.system, layout):
         return inf
-    start = start_at(program, layout)
+    if not free:  # places keep the rules of the layout, but for rounding
+        rows = (
+            row if row.kind in ("quantile", "cost") else replace(row, lower=-inf, upper=inf) for row in program.rows
+        )
+        program = replace(program, rows=tuple(rows))
+    try:
+        start = start_at(program, layout)
+    except IllPosedError:
+        return inf
     held = (g for g in range(len(program.problem.places)) if g not in free)
     fixed = {3 * g + k: float(start.x[3 * g + k]) for g in held for k in range(3)}
     point = solve(replace(program, held=fixed), start.x, start.parameters)

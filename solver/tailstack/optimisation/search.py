@@ -24,7 +24,6 @@ from ..results import LocalOptimum
 from .exact_law import (
     Correction,
     Evaluation,
-    closed_form_at,
     correction_at,
     evaluate_demand,
     leading_demands,
@@ -535,14 +534,6 @@ def start_at(program: Program, layout: Array) -> Start:
     if len(choice.half_width):
         choice = replace(choice, half_width=_half_widths(program, log_worst))
     return Start(program.join(choice), parameters, tightest)
-
-
-def worst_closed_ratio(program: Program, evaluations: list[Evaluation], choice: Choice) -> float:
-    """Largest closed form over its limit, the image covariances those of ``evaluations``."""
-    return max(
-        closed_form_at(program.problem, term, item, choice) / item.limit
-        for term, item in zip(program.terms, evaluations, strict=True)
-    )
 
 
 def _half_widths(program: Program, log_worst: Callable[[Array], float]) -> Array:

@@ -18,9 +18,9 @@ from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
 from tailstack.montecarlo.shards import Pending, pack, unpack
-from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
 from tailstack.optimisation.cost_bound import enough_for
 from tailstack.optimisation.course import optimise_task
+from tailstack.optimisation.front import front_factors, front_point, mark_dominated
 from tailstack.optimisation.program import Point
 from tailstack.optimisation.search import (
     Control,

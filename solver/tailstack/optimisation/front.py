@@ -1,27 +1,21 @@
-"""What else could be had: the front of cost and limit, and what another layout comes to.
-
-The front is the least cost at a row of limits, every point verified.  At a given layout only the half-widths are left
-(``allocation.py``), by the closed form, like the starts of the search."""
+"""What else could be had: the front of cost and limit, the least cost at a row of limits, every point verified."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
 from typing import Literal
 
 import numpy as np
 
-from ..errors import IllPosedError, InfeasibleError, NotConvergedError
-from ..geometry.arrays import Array
+from ..errors import InfeasibleError, NotConvergedError
 from ..results import FrontPoint
 from ..scoring import vector3
-from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .margin import trials_for
-from .matching import take_nearest
 from .present import merit_of
-from .problem import PlacementProblem, for_people, present_choice
+from .problem import PlacementProblem, for_people
 from .program import Program
 from .request import OptimiseRequest, in_order
 from .search import (
@@ -29,13 +23,10 @@ from .search import (
     Search,
     evaluate_demands,
     least_quantile,
-    objective_for_people,
     start_at,
-    worst_closed_ratio,
     worst_ratio,
 )
 from .task import OptimisationTask
-from .terms import is_singular
 from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
@@ -148,35 +139,3 @@ def _point(request: OptimiseRequest, search: Search, verified: VerifiedOptimum, 
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
         fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm[order]),
     )
-
-
-def value_layouts(search: Search) -> Callable[[Array], float | None]:
-    """Layout (N, 3) -> least objective with everything else optimised as it is; None where the limit is out of
-    reach."""
-    program = search.program
-    problem = program.problem
-    if problem.pivots:
-        # They act through the same constants whatever the layout: leave them where the optimum has them.
-        choice = program.split(search.iterates[0].point.x)
-    else:
-        choice = present_choice(problem)
-    small = budgets_of(program) if problem.half_widths else None
-
-    def value(layout: Array) -> float | None:
-        if is_singular(problem.system, layout):
-            return None
-        here = replace(choice, fiducials_mm=layout)
-        try:
-            evaluations = [evaluate_demand(problem, term, here) for term in program.terms]
-            start = start_at(program, layout)
-        except IllPosedError:
-            return None
-        if small is None:
-            return worst_closed_ratio(program, evaluations, here)
-        if start.tightest_ratio > 1 and problem.objective != "quantile":
-            return None
-        reached = best_budget(small, here, evaluations, start.x[program.widths_at])
-        moving = problem.price_of_moving(take_nearest(problem, layout))
-        return None if reached is None else objective_for_people(program, reached) + moving
-
-    return value
