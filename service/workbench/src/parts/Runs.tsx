@@ -133,7 +133,7 @@ function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distr
           <g key={name} class={name}><path d={`M${x(at)} ${height}V0`} /><text x={x(at)} y="-2" text-anchor={(name === "P95") === (limit !== null && p95 < limit) ? "end" : "start"}>{name}</text></g>
         ))}
         <path class="axis" d={`M0 ${height}H${width}`} />
-        {Array.from({ length: Math.ceil(end / step) }, (_, k) => <text key={k} x={x(k * step)} y={height + 13} text-anchor={k ? "middle" : "start"}>{k ? brief(k * step) : "0 mm"}</text>)}
+        {Array.from({ length: Math.ceil(end / step) }, (_, k) => <text key={k} x={x(k * step)} y={height + 13} text-anchor={k ? "middle" : "start"}>{`${brief(k * step)}${(k + 1) * step < end ? "" : " mm"}`}</text>)}
       </svg>
     </figure>
   );
