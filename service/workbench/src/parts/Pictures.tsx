@@ -432,7 +432,7 @@ export function Elevations() {
         const ends = (k: number) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))];
         const [[x0, x1], [y0, y1]] = [ends(a), ends(b)];
         // A box that changes in steps, so that it stands still while a bead is dragged
-        const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.35 + 10) / 20);
+        const side = 20 * Math.ceil((Math.max(x1 - x0, y1 - y0) * 1.25 + 10) / 20);
         const centre = [10 * Math.round((x0 + x1) / 20), 10 * Math.round((y0 + y1) / 20)];
         const axis = (k: number, sign: number): Vector => [0, 1, 2].map((m) => (m === k ? sign : 0)) as Vector;
         const box: Box = [centre[0] - side / 2, -centre[1] - side / 2, side, side];
