@@ -230,7 +230,7 @@ def worst_case(
     if not keys:
         return WorstCase(mean, {}, ())
     law = law_of(mean, columns_of(model, error)) if law is None else law
-    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile, value)
+    vertex = worst_vertex(law, bounded_columns(model, error, without), quantile, value)
     names = []
     for (block, j), sign in zip(keys, vertex.signs, strict=True):
         unit, factor = unit_for_people(block.units[j])
@@ -249,7 +249,7 @@ def worst_vertices(
     keys = _bounded_sources(model)
     if not keys:
         return ({},)
-    columns = _bounded_columns(model, error, keys)
+    columns = bounded_columns(model, error)
     law = law_of(model.bias_mm(error), columns_of(model, error))
     worst = worst_vertex(law, columns, quantile, value)
     felt = [
@@ -277,6 +277,7 @@ def _bounded_sources(model: ErrorModel, without: frozenset[tuple[str, int]] = fr
     ]
 
 
-def _bounded_columns(model: ErrorModel, error: str, keys: list[tuple[Block, int]]) -> Array:
-    """(3, q) mm: what each of these sources does at the end of its half-width."""
-    return np.stack([block.gain(error)[:, j] * block.half_width[j] for block, j in keys], axis=1)
+def bounded_columns(model: ErrorModel, error: str, without: frozenset[tuple[str, int]] = frozenset()) -> Array:
+    """(3, q) mm: what each bounded source does at the end of its half-width, in the order of the model."""
+    columns = [block.gain(error)[:, j] * block.half_width[j] for block, j in _bounded_sources(model, without)]
+    return np.ascontiguousarray(np.array(columns).reshape(-1, len(model.bias_mm(error))).T)

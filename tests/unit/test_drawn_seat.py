@@ -22,7 +22,9 @@ from tailstack import score
 from tailstack.design import compile_design, design_to_data, load_design
 from tailstack.integrations.conversion import convert
 from tailstack.integrations.step import StepSelection
-from tailstack.integrations.step.seat import read_drawn_seat
+from tailstack.integrations.step.reading import open_assembly
+from tailstack.integrations.step.seat import find_seat, read_drawn_seat
+from tailstack.integrations.step.tolerances import read_tolerances
 
 SEAT = DESIGNS / "gallery" / "seat_from_cad.yaml"
 TURN = np.array([[2, -1, 2, 10], [2, 2, -1, -20], [-1, 2, 2, 5], [0, 0, 0, 3]]) / 3
@@ -123,6 +125,15 @@ def test_what_states_no_seat_is_refused(tmp_path: Path, plate: Plate, pin_class:
     (problem, *_) = problems_of(lambda: load_design(data, base_directory=tmp_path))
     assert (problem.code, problem.pointer) == (code, "/interfaces/structure_connector/drawing")
     assert word in problem.detail
+
+
+def test_two_seats_in_one_file_are_refused_with_where_they_are() -> None:
+    read, _ = read_tolerances(*open_assembly(write_plate(PLATE), "both.step", None))
+    flat = next(each for each in read if each.kind == "flatness")
+    other = replace(flat, faces=(replace(flat.faces[0], number=-1, point_mm=np.array([0, 0, -50.0])),))
+    (problem,) = problems_of(lambda: find_seat([*read, other], "g6", "both.step"))
+    assert problem.detail.endswith("has 2: flatness 0.02 at [0.0, 0.0, 0.0]; flatness 0.02 at [0.0, 0.0, -50.0]")
+    assert "one file for each seat" in problem.hint
 
 
 def test_every_value_is_named_and_so_is_what_is_left() -> None:

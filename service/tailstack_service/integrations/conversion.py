@@ -10,7 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -129,15 +129,7 @@ class StepOptions(Options):
         """As the solver takes it."""
         from tailstack.integrations.step import StepSelection
 
-        return StepSelection(
-            self.sphere_diameter_mm,
-            self.sphere_tolerance_mm,
-            self.name,
-            self.frame,
-            self.seats,
-            self.pins,
-            self.pin_class,
-        )
+        return StepSelection(*(getattr(self, field) for field in StepOptions.model_fields))
 
 
 class FileOptions(StepOptions):
@@ -402,27 +394,17 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         if not place and isinstance(error, DesignError):
             error = cure_line_ends(error, sent.body)
         raise RefusedAt.place(error, place) from None
+    stated = [field.name for field in fields(ConvertedTolerance)][:-1]  # the last is where its faces are
     record = Conversion(
         schema="tailstack/conversion/1",
         format=options.to,
         content=made.text,
         fiducials=tuple(map(ConvertedPoint, made.fiducials.labels, made.fiducials.positions_mm)),
         notes=made.notes,
-        bodies=tuple(
-            ConvertedBody(body.label, body.path, body.position_mm, body.diameter_mm, body.reason)
-            for body in made.bodies
-        ),
+        bodies=tuple(ConvertedBody(*astuple(body)) for body in made.bodies),
         tolerances=tuple(
             ConvertedTolerance(
-                text=each.text,
-                kind=each.kind,
-                unit=each.unit,
-                value=each.value,
-                lower=each.lower,
-                upper=each.upper,
-                fit=each.fit,
-                datums=each.datums,
-                at_mm=tuple(face.place for face in each.faces),
+                **{name: getattr(each, name) for name in stated}, at_mm=tuple(face.place for face in each.faces)
             )
             for each in made.tolerances
         ),

@@ -90,10 +90,10 @@ def find_grade(width_mm: float, size_mm: float, among: Iterable[int]) -> int | N
 
 def read_fit(fit: str, diameter_mm: float) -> tuple[Deviations, Deviations]:
     """Hole and shaft of a fit such as ``H7/g6``.  Raises ValueError."""
-    hole, stroke, shaft = (part.strip() for part in fit.partition("/"))
-    if not stroke or not hole[:1].isupper() or not shaft[:1].islower():
+    match = re.fullmatch(r"\s*([A-Z]{1,2}\d+)\s*/\s*([a-z]{1,2}\d+)\s*", fit)
+    if match is None:
         raise ValueError(f"{fit!r} is no fit: the class of the hole, a stroke, the class of the pin, as H7/g6")
-    return find_deviations(hole, diameter_mm), find_deviations(shaft, diameter_mm)
+    return find_deviations(match[1], diameter_mm), find_deviations(match[2], diameter_mm)
 
 
 def _join_letters(letters: tuple[str, ...]) -> str:

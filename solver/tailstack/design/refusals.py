@@ -185,8 +185,9 @@ def _translate(entry: Any, root: type[BaseModel], data: Any = None) -> Problem:
     elif kind in ("too_short", "too_long"):
         most = context.get("max_length")
         hint = _cure_matrix(field, value) or (cure_list(value, most) if kind == "too_long" and most else "")
-    elif kind in ("wrong-type", "view-geometry", "unknown-value"):
-        problem = replace(problem, detail=f"{problem.detail}; got {show(value)}")
+    elif kind in ("wrong-type", "view-geometry", "unknown-value", "feature-kind"):
+        arrived = value.get("kind", value) if kind == "feature-kind" and isinstance(value, dict) else value
+        problem = replace(problem, detail=f"{problem.detail}; got {show(arrived)}")
     if problem.code == "unknown-value":
         if meant := re.fullmatch(r"did you mean (\S+)\?", problem.hint):
             return replace(problem, fix=(Edit("replace", problem.pointer, meant[1]),))

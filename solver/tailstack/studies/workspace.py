@@ -2,7 +2,8 @@
 
 The structure rides on the flange, so the arm's own error grows with the way from the pose of the shots to that of the
 tool (``effects/robot.py``).  Poses are drawn at random about the former; of each, P95 is that of a score with the tool
-at work there: only the robot's part of the law differs from pose to pose.
+at work there: only the robot's part of the law differs from pose to pose.  Bounded components have their worst ends at
+each pose for itself.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contributors import declared_law
+from ..contributors import bounded_columns, declared_law
 from ..design import Design, compile_design
 from ..effects.robot import errors_at
 from ..errors import Problem, StudyError
@@ -26,7 +27,8 @@ from ..results.record import Published
 from ..results.verdicts import P95
 from ..scoring import provenance, tightest_limit
 from ..system import Place, System
-from ..tail.declared import law_quantile
+from ..tail.bounded import worst_case
+from ..tail.declared import LawQuantile, LinearLaw, law_quantile
 from ..tail.gaussian import norm_quantile_jit, sound
 
 BLOCK = 4096  # poses that are computed in one go
@@ -111,6 +113,7 @@ def study_workspace(
     arm = system.effects_at(Place.ARM)
     model = linearise(replace(system, effects=tuple(each for each in system.effects if each not in arm)), aim)
     law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
+    bounded = bounded_columns(model, "tcp")
     to_tcp = model.tcp_from_flange @ system.T_flange_con[:3, :3].T
     at_flange = system.T_flange_con[:3, :3] @ aim.position_mm + system.T_flange_con[:3, 3]
     shots = np.array(robot.joints_imaging_deg)
@@ -122,9 +125,9 @@ def study_workspace(
         at = errors_at(robot, arm, drawn[part], at_flange)
         places[part] = at.place
         each = zip(law.mean + at.known @ to_tcp.T, law.covariance + to_tcp @ at.covariance @ to_tcp.T, strict=True)
-        if law.columns.size:
+        if law.columns.size or bounded.size:
             laws = (replace(law, mean=mean, covariance=covariance) for mean, covariance in each)
-            p95_mm[part] = [law_quantile(one, P95).quantile_mm for one in laws]
+            p95_mm[part] = [_solve(one, bounded).quantile_mm for one in laws]
         else:
             p95_mm[part] = [sound(norm_quantile_jit(*one, P95), "P95", *one) for one in each]
         if progress is not None:
@@ -152,17 +155,19 @@ def study_workspace(
     return replace(study, fields=_map(places[1:], within, study.field_mm), conclusions=_conclude(study))
 
 
+def _solve(law: LinearLaw, bounded: Array) -> LawQuantile:
+    return worst_case(law, bounded, P95).quantile if bounded.size else law_quantile(law, P95)
+
+
 def refuse_unstudied(design: Design, system: System, limit_mm: float | None, target: str | None) -> tuple[Any, float]:
     """The robot, and the limit, mm.  Raises StudyError."""
     robot = getattr(design.document.execution, "robot", None)
     if robot is None:
         detail = "the design has no robot, and every pose is as good as any other"
         raise StudyError(Problem("/execution", "missing-field", detail, "state execution.robot"))
-    bounded = [each.name for each in (*system.links, *system.effects) if each.sources.are_bounded.any()]
-    if bounded or system.loss_probability:
-        what = f"bounded: {', '.join(bounded)}" if bounded else "fiducials may be missed"
-        detail = f"{what}; what that does to P95 differs from pose to pose, and is not looked for here"
-        raise StudyError(Problem("", "not-studied", detail, "state laws, and no loss_probability"))
+    if system.loss_probability:
+        detail = "fiducials may be missed; what that does to P95 differs from pose to pose, and is not looked for here"
+        raise StudyError(Problem("", "not-studied", detail, "state no loss_probability"))
     names = [each.name for each in system.targets]
     name = names[0] if target is None else target
     if name not in names:

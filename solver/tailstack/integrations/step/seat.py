@@ -45,8 +45,12 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
     flats = [each for each in tolerances if each.kind in ("flatness", "parallelism") and each.value is not None]
     faces = {face.number: (face, each) for each in flats for face in each.faces if face.surface == "plane"}
     if len(faces) != 1:
+        listed = "; ".join(f"{flat.text} at {_list(face.point_mm)}" for face, flat in faces.values())
         detail = f"one plane face with a flatness or parallelism is the seat; {name} has {len(faces)}"
-        raise StepError(Problem("", "no-seat", detail, "export that tolerance of the seat's face as AP242 PMI", name))
+        cure = "export that tolerance of the seat's face as AP242 PMI"
+        if faces:
+            detail, cure = f"{detail}: {listed:.300}", "one file for each seat with its tolerances, or its features"
+        raise StepError(Problem("", "no-seat", detail, cure, name))
     ((face, flat),) = faces.values()
     holes = _list_holes(tolerances, face)
     if len(holes) != 2:
