@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
+from .contributors import ErrorLaw, error_law
 from .design import Design, compile_design, design_to_data, load_design
 from .design.bead_noise import BeadNoise
 from .design.cameras import detector_distances
@@ -42,7 +42,7 @@ from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
 from .measures import MEASURE
-from .propagation.columns import Imaging, assemble_after, shift_together
+from .propagation.columns import Imaging, assemble_after
 from .propagation.linear import (
     LinearModel,
     chain_of,
@@ -54,6 +54,7 @@ from .propagation.linear import (
     pass_mounts,
 )
 from .propagation.noise import Estimation, eliminate_views, room_for
+from .propagation.shifts import shift_together
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .results import Check
 from .results.record import data_frame
@@ -71,6 +72,7 @@ from .system import (
     put_mounts,
     std_per_half_width,
 )
+from .tail.assembling import BOUNDED, KIND, assemble_law
 from .tail.declared import (
     LawSummary,
     accuracy_for,

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contributors import NORMAL, ErrorLaw, law_of, unit_for_people, worst_case
+from .contributors import ErrorLaw, law_of, unit_for_people, worst_case
 from .geometry.arrays import Array
 from .propagation.linear import Block, ErrorModel
 from .results import Contributor
+from .tail.assembling import NORMAL
 from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile
 
 LIGHT = 1e-2  # share s of variance below which a line is removed to first order: an error of about s^2, 1e-4 at most

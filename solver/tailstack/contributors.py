@@ -11,20 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
-from .geometry.spectrum import VANISHING_MM
-from .kernels.store import kernel
-from .laws import SUMS
 from .levels import Drawn
 from .propagation.linear import Block, ErrorModel
 from .system import Law, Requirement
+from .tail.assembling import KIND, assemble_law, assemble_pair
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LinearLaw, law_summary
 from .tail.per_unit import UnitRisk, unit_risk
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
-NORMAL, BOUNDED = -1, -2  # beside the places in SUMS of those that have columns in a law
-KIND = {Law.NORMAL: NORMAL, Law.BOUNDED: BOUNDED} | {law: kind for kind, law in enumerate(SUMS)}
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
@@ -82,52 +78,6 @@ def law_of(mean: Array, *each: Columns) -> LinearLaw:
     if len(each) > 1:
         each = (Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*(one[:5] for one in each), strict=True))),)
     return LinearLaw(mean, *(assemble_law if len(mean) == 3 else assemble_pair)(*each[0][:4]), room)
-
-
-@kernel()
-def assemble_law(
-    gain: Array, std: Array, half_width: Array, kinds: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.int64]]:
-    """The covariance (3, 3) mm^2 of what is normal, and columns (3, k) mm and kinds (k,) of what is not; of a law whose
-    spread vanishes all 0."""
-    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    count = 0
-    largest = 0.0
-    for j in range(kinds.size):
-        if kinds[j] == NORMAL:
-            x, y, z = gain[0, j] * std[j], gain[1, j] * std[j], gain[2, j] * std[j]
-            xx += x * x
-            xy += x * y
-            xz += x * z
-            yy += y * y
-            yz += y * z
-            zz += z * z
-        elif kinds[j] >= 0 and half_width[j] > 0.0:
-            count += 1
-            for a in range(3):
-                largest = max(largest, abs(gain[a, j] * half_width[j]))
-    covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    columns = np.zeros((3, count))
-    own = np.zeros(count, dtype=np.int64)
-    vanishes = covariance[0, 0] + covariance[1, 1] + covariance[2, 2] < VANISHING_MM**2 and not largest > VANISHING_MM
-    if vanishes:
-        covariance[:] = 0.0
-    count = 0
-    for j in range(kinds.size):
-        if kinds[j] >= 0 and half_width[j] > 0.0:
-            own[count] = kinds[j]
-            for a in range(3):
-                columns[a, count] = 0.0 if vanishes else gain[a, j] * half_width[j]
-            count += 1
-    return covariance, columns, own
-
-
-def assemble_pair(
-    gain: Array, std: Array, half_width: Array, kinds: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.int64]]:
-    """:func:`assemble_law` of two vectors: covariance (6, 6), columns (6, k), kinds (k,)."""
-    scaled, wide = gain[:, kinds == NORMAL] * std[kinds == NORMAL], (kinds >= 0) & (half_width > 0.0)
-    return scaled @ scaled.T, gain[:, wide] * half_width[wide], kinds[wide]
 
 
 def declared_law(model: ErrorModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .contributors import BOUNDED, NORMAL, error_law
+from .contributors import error_law
 from .design import Design, compile_design, load_design
 from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
@@ -33,6 +33,7 @@ from .results import Score
 from .results.verdicts import P95
 from .scoring import score
 from .system import System, Way
+from .tail.assembling import BOUNDED, NORMAL
 from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
 
 COMPLEX_STEP = 1e-30

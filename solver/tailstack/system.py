@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
+from .geometry.arrays import ArrayLike as ArrayLike
 from .geometry.rotation import RotationForm
+from .geometry.weighing import Weighing as Weighing
 from .laws import Law as Law
 from .laws import count_sigmas
 from .levels import Drawn, level_of
 from .measures import MEASURE, Metric, derived_of, metrics_of
 from .measures.measure import Channel, MeasuredBody
 from .statistic import STATISTIC, Mixture, Statistic, write_text
-
-ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
 ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 TORSOR_COMPONENTS = (*ROTATIONS, *TRANSLATIONS)
@@ -45,14 +45,6 @@ class Reading(StrEnum):
 
     PHYSICAL = "physical"  # the structure moves and so do its images: q_hat = T_err1^-1 q (text after Eq 8)
     EQ18 = "eq18"  # the estimator's coordinates move, images do not: q_hat = T_err1 q (Eqs 8, 18)
-
-
-class Weighing(IntEnum):
-    """By what a triangulation weighs the two rows of each view."""
-
-    ALIKE = 0  # the rows of Eq 5 as they are
-    BY_NOISE = 1  # by the inverse of what the noise of the images makes of them
-    BY_IMAGES = 2  # such that the squares of the target's residuals in the images, px, are least
 
 
 class TriangulationTraits(NamedTuple):

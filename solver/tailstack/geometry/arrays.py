@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[np.float64]
+ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
 
 def frozen(values: Any, dtype: DTypeLike = np.float64) -> NDArray[Any]:

@@ -46,8 +46,8 @@ _TABLE = {
         2.0 tail.gaussian.norm_quantiles        f f2 f2
         4.7 propagation.columns.assemble        {_IMAGING} f2 f1 f3 f2 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        5.0 losses.lose                         {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
-        1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
+        5.0 losing.lose                         {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
+        1.0 losing.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
         0.3 tail.per_unit.position_of           f1 i f
         0.2 tail.per_unit.average_at            f1 i f
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
@@ -55,7 +55,7 @@ _TABLE = {
         0.3 geometry.spectrum.eigen_symmetric   f2
         0.7 tail.lattice.ball_sums              f i f1 f1
         0.5 tail.contour.tail_nodes             f b f1 f1
-        0.5 contributors.assemble_law             f2 f1 f1 i1
+        0.5 tail.assembling.assemble_law          f2 f1 f1 i1
         0.4 tail.gaussian.law_on_axes           f1 f1 f
         0.3 tail.declared.split_columns         f2 i1
         0.3 tail.lattice.reach_of               {_FRAME} f

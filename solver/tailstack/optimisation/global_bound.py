@@ -37,13 +37,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contributors import KIND, Columns, law_of, value_of
+from ..contributors import Columns, law_of, value_of
 from ..errors import IllPosedError
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import rigid_transform, skew
 from ..results import GlobalBound
 from ..results.digits import at_most
 from ..system import Law, Place
+from ..tail.assembling import KIND
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .chance_bound import raise_quantile
 from .enclosure import Forms, enclose

@@ -24,7 +24,7 @@ from ..design.drawn import DrawnValues
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
 from ..levels import Drawn
-from ..propagation.columns import gains_of_images, shift_together
+from ..propagation.columns import gains_of_images
 from ..propagation.linear import (
     UNJUDGED,
     Block,
@@ -35,6 +35,7 @@ from ..propagation.linear import (
     join,
     linearise_at,
 )
+from ..propagation.shifts import shift_together
 from ..system import ArrayLike, Law, System, Way, std_per_half_width
 from .problem import (
     Choice,

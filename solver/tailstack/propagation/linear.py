@@ -22,7 +22,7 @@ from ..levels import Drawn
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
 from ..system import ArrayLike, Effect, Law, Place, Reading, System, Target, Way
-from .columns import Imaging, gains_of_images, shift_together
+from .columns import Imaging, gains_of_images
 from .noise import Estimation
 from .nonlinearity import (
     Common,
@@ -33,6 +33,7 @@ from .nonlinearity import (
     nonlinearity,
     view_matrix_gains,
 )
+from .shifts import shift_together
 from .turns import (
     ANGLES_1,
     ANGLES_2,

@@ -34,7 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ..system import ArrayLike, Weighing
+from ..geometry.arrays import ArrayLike
+from ..geometry.weighing import Weighing
 
 
 @register_jitable

@@ -55,15 +55,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..kernels.store import kernel
-from ..system import DirectEffect
 from .noise import Estimation, eliminate, room_for
+
+if TYPE_CHECKING:
+    from ..system import DirectEffect
 
 
 class Nonlinearity(NamedTuple):
