@@ -32,6 +32,7 @@ from tailstack.geometry.mesh import Mesh
 from tailstack.optimisation import PlacementProblem, global_bound
 from tailstack.optimisation.cost_bound import bound_layouts
 from tailstack.optimisation.exact_law import evaluate_demand
+from tailstack.optimisation.exchanging import mean_square
 from tailstack.optimisation.global_bound import (
     Cells,
     Information,
@@ -57,7 +58,7 @@ from tailstack.optimisation.global_bound import (
 from tailstack.optimisation.problem import Choice, Survival, apply_choice, present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, Shape, bounding_box, sample
 from tailstack.optimisation.search import explore, prepare_search, search, solve_start
-from tailstack.optimisation.starts import _exchange_model, mean_square
+from tailstack.optimisation.starts import _exchange_model
 from tailstack.optimisation.surface import NearSurface
 from tailstack.optimisation.terms import DemandTerms, every_terms
 from tailstack.propagation.linear import UNJUDGED, chain_of, linearise_at

@@ -15,10 +15,10 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..system import View
+from .edges import THICK
 from .least_squares import SplitProjection, images_of, resect_pose, split, turn
 from .resection import project
 
-FLAT = 0.3  # thickness over width, above which there is no mirrored pose to find
 APART = 6.2  # standard deviations between the images of two poses: the wrong one is taken once in a thousand shots
 SAME = 1e-3  # Frobenius distance of two rotations
 
@@ -37,7 +37,7 @@ def find_rival(points: Array, view: View) -> Rival | None:
     centre = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
     extent = np.ptp((points - centre) @ axes.T, axis=0)
-    if extent[2] > FLAT * extent[1]:
+    if extent[2] > THICK * extent[1]:
         return None
     camera = split(view.projection)
     images = project(view.projection, points)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations
 from math import asin, degrees
 from typing import NamedTuple
 
@@ -19,21 +18,17 @@ from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
 from ..geometry.arrays import Array, frozen
-from ..geometry.camera import OVERLAP_PX, camera_centre, cross, needed_gap
+from ..geometry.camera import OVERLAP_PX, camera_centre, needed_gap, sines_between_rays
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
 from ..system import Reading, System, View, Weighing
 from .ambiguity import find_rival
+from .edges import COLLINEAR, COPLANAR, NO_PARALLAX, SINGULAR, TOUCHING_MM
 from .resection import design_matrix, hartley_similarity, homogeneous
 
-TOUCHING_MM = 1e-3  # two fiducials closer than this are one
-COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
-COPLANAR = 1e-5  # third over first
-SINGULAR = 1e-6  # second smallest over largest singular value of the normalised design matrix
 WEAK = 5e-3  # the same, for a warning: a 100 mm cube has 0.3, two plates 5 mm apart 0.02, 1 mm apart 0.004
 FLAT = 0.15  # thickness over width, for a warning: the gain of noise grows as its inverse
-NO_PARALLAX = 1e-4  # sine of the angle between two rays
 SMALL_PARALLAX_DEG = 30.0
 # Remarks that the geometry hardly determines the answer: first order is not believed beside one of them.
 DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
@@ -201,14 +196,6 @@ def _distances(points: Array) -> Array:
 def _later(count: int) -> NDArray[np.bool_]:
     """(N, N) True where the second of two comes after the first."""
     return frozen(np.triu(np.ones((count, count), dtype=np.bool_), 1), np.bool_)
-
-
-def sines_between_rays(projections: Array, targets: Array) -> Array:
-    """(T,) largest sine of the angle between two rays to each target (T, 3) from the sources of views (V, 3, 4)."""
-    rays = targets[:, None] - np.array([camera_centre(projection) for projection in projections])
-    rays /= np.sqrt((rays**2).sum(axis=2, keepdims=True))
-    pairs = combinations(range(len(projections)), 2)
-    return np.asarray(np.max([np.sqrt((cross(rays[:, v], rays[:, w]) ** 2).sum(axis=1)) for v, w in pairs], axis=0))
 
 
 def _look(system: System) -> list[Sight]:

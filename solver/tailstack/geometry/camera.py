@@ -7,6 +7,7 @@ then the depth of X in mm, positive in front of the source.
 
 from __future__ import annotations
 
+from itertools import combinations
 from math import cos, floor, hypot, radians, sin, sqrt
 from typing import Any
 
@@ -122,6 +123,14 @@ def principal_ray(projection: Array) -> Array:
     """Unit vector of growing depth in con, (3,), for P with positive depth."""
     row = projection[2, :3]
     return np.asarray(row / np.linalg.norm(row))
+
+
+def sines_between_rays(projections: Array, targets: Array) -> Array:
+    """(T,) largest sine of the angle between two rays to each target (T, 3) from the sources of views (V, 3, 4)."""
+    rays = targets[:, None] - np.array([camera_centre(projection) for projection in projections])
+    rays /= np.sqrt((rays**2).sum(axis=2, keepdims=True))
+    pairs = combinations(range(len(projections)), 2)
+    return np.asarray(np.max([np.sqrt((cross(rays[:, v], rays[:, w]) ** 2).sum(axis=1)) for v, w in pairs], axis=0))
 
 
 def image_of(rays: Array) -> Array:

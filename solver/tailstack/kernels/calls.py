@@ -69,7 +69,7 @@ _TABLE = {
         0.1 tail.pairs.between                  f1 f f1 f3 f3
     """,
     "batch": f"""
-        24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f3 f2
+        24.0 rows.score_rows                     {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f3 f2
         1.8 propagation.validity_bounds.is_layout_certainly_valid f2 f2 f3 {_VALIDITY_BOUNDS}
     """,
     "verify": f"""
@@ -79,11 +79,11 @@ _TABLE = {
         0.2 montecarlo.streams.draw_columns     i2r u1 i1 i1 f1 f2
     """,
     "optimise": f"""
-        6.0 optimisation.starts.exchange        i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
+        6.0 optimisation.exchanging.exchange    i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
         1.5 optimisation.enclosure.enclose      Forms(f4 f4 f2 f3 f3) f2 f1 f1 f3
         1.1 optimisation.curvature.fill_jacobian   Tape(i1 i1 i1 i1 i1 f1) f1 f1 f2 f2
-        0.4 optimisation.starts.apart_from_copies  f3 f3 Spacing(f f)
-        0.3 optimisation.starts.keeps_distance  f2 i1 f2 f3 Spacing(f f)
+        0.4 optimisation.exchanging.apart_from_copies  f3 f3 Spacing(f f)
+        0.3 optimisation.exchanging.keeps_distance  f2 i1 f2 f3 Spacing(f f)
     """,
 }
 COMPUTATIONS = tuple(_TABLE)

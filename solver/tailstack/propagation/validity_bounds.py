@@ -7,20 +7,22 @@ nowhere near an edge: ten times as far apart, as thick and as steep as it has to
 from __future__ import annotations
 
 from math import inf
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimation.ambiguity import FLAT
-from ..estimation.checks import COPLANAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
+from ..estimation.edges import COPLANAR, NO_PARALLAX, SINGULAR, THICK, TOUCHING_MM
 from ..geometry.arrays import Array
-from ..geometry.camera import image_of
+from ..geometry.camera import image_of, sines_between_rays
 from ..geometry.spectrum import eigen_symmetric
+from ..geometry.weighing import Weighing
 from ..kernels.store import kernel
-from ..system import System, Weighing
-from .linear import Chain
 from .noise import Eliminated, eliminate_views, mean_rows, room_for
+
+if TYPE_CHECKING:
+    from ..system import System
+    from .linear import Chain
 
 SLACK = 1e-6  # px and mm: nearer to an edge than that, nothing is certain
 
@@ -40,7 +42,7 @@ class ValidityBounds(NamedTuple):
         """detectors: see there."""
         sizes = [(inf, inf) if view.image_size_px is None else view.image_size_px for view in system.views]
         windows = np.array([[[-inf if size == inf else -0.5, size - 0.5] for size in each] for each in sizes])
-        lift = FLAT if system.estimator.believes_intrinsics else 0.0
+        lift = THICK if system.estimator.believes_intrinsics else 0.0
         divides = system.triangulation.traits.weighing is Weighing.BY_NOISE
         return cls(system.projections, system.sees, windows, detectors, lift, divides)
 
