@@ -464,7 +464,7 @@ def slopes_at(information: Information, kind: int, place: Array, sees: NDArray[n
 
 def at_corners(forms: Forms, centres: Array, half: Array, reach: Array, displaced: Array) -> Array:
     """(n, K, 8) of :func:`enclose`.  Raises NoBound."""
-    corners = enclose(forms, centres.copy(), half, reach, displaced)
+    corners = enclose(forms, centres.copy(), half, reach, np.ascontiguousarray(displaced))
     if not isfinite(corners.max()):
         raise NoBound("where fiducials may be reaches the source of a view")
     return corners
