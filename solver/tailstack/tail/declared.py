@@ -96,6 +96,11 @@ class LinearLaw:
         return self.room is not None and len(self.room) == 1
 
     @property
+    def pair_room(self) -> Array:
+        """(6,) mm: the room of two vectors, 0 where none is told."""
+        return np.zeros(6) if self.room is None else self.room
+
+    @property
     def total_covariance(self) -> Array:
         """(3, 3) mm^2, bounded sources included."""
         return np.asarray(self.covariance + (self.columns * _VARIANCES[self.kinds]) @ self.columns.T)
@@ -433,7 +438,7 @@ class PairLaw:
 
     def __init__(self, law: LinearLaw, p: float, fine: bool) -> None:
         self.law, self.p, self.fine = law, p, fine
-        self.room = np.zeros(6) if law.room is None else law.room
+        self.room = law.pair_room
         members = [single_evaluation(end, p, fine) for end in law.ends]
         quantiles = [member.quantile(p) for member in members]
         self.highest = max(quantile.quantile_mm for quantile in quantiles)  # that one alone is not beyond at p

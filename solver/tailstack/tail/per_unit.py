@@ -27,8 +27,9 @@ A shot with bounded columns is taken as the Gaussian of equal covariance and the
 the quantile (or the limit) the declared law of d + shot is solved, and the mean difference shifts the result.  What
 that leaves, the spread of the difference over those units, is added to the standard error.
 
-Of two vectors that go together (``pairs.py``) R is that of the longer, solved for every unit from one sample of rays of
-the shot.  What the rays leave, at units near the value, is part of the standard error.
+Of two vectors that go together (``pairs.py``) R is that of the longer, solved for every unit from one small sample of
+rays of the shot, and corrected in the same way by a large one: the small one alone is up to 5 % off, alike in all
+units.  What the large one leaves, at units near the value, is part of the standard error.
 
 Of one number that counts on one side R is the unit's offset and the quantile of its shots, the same for all: exact.
 """
@@ -56,7 +57,7 @@ BLOCKS = 16
 CORRECTED = 12  # units whose declared law is solved where a shot has bounded columns
 PILOT = 32
 WINDOW = 25  # ranks within 1/25 of all units are averaged: narrower ones leave the optimiser no slope to settle by
-LOG2_RAYS = 4  # of each of 16 scramblings, of the shot of a pair
+LOG2_RAYS = 4  # of each of 16 scramblings, of the shot of a pair, that R of every unit is solved from
 STEP_OF_R = 1e-3  # relative, of a density by differences
 SEED = 20240229
 
@@ -94,23 +95,35 @@ class Units:
     p: float
     shot: LinearLaw
     shot_covariance: Array  # (3, 3) mm^2, total: what the shot is first taken to be a Gaussian of
-    mixed: bool  # whether the shape of the shot's columns matters
+    mixed: bool  # whether R near the value is corrected: the shape of the shot's columns matters, or R is by few rays
     offset: Array  # (n, 3) mm; of two vectors (n, 6)
     distance: Array  # (n,) mm, |offset|
     low: Array  # (n,) mm, bounds of R for the Gaussian shot
     high: Array  # (n,) mm
-    rays: PairSample | None = None  # of the shot, of two vectors; the bounds are R then
+    rays: PairSample | None = None  # of the shot, of two vectors: many; the bounds are R by few then
 
     @property
     def blocks(self) -> int:
         """Independent parts of the sample; 1 when all units are alike, and then n is 1."""
         return BLOCKS if self.distance.size > 1 else 1
 
-    def doubt_of_rays(self, near: NDArray[np.intp]) -> float:
-        """By how much rays leave R of these units open: a standard error of them all."""
-        if self.rays is None or not near.size or not (own := self.high[near]).all():
+    def solve_first(self, which: NDArray[np.intp]) -> Array:
+        """R (k,) of these units before it is corrected: of the Gaussian shot, or of two vectors by few rays."""
+        return self.high[which] if self.rays else norm_quantiles(self.p, self.offset[which], self.shot_covariance)
+
+    def solve_declared(self, which: NDArray[np.intp], own: Array) -> Array:
+        """R (k,) of these units under the declared law of the shot; own (k,): before it is corrected."""
+        if self.rays:
+            return self.rays.quantiles(self.offset[which], self.p, self.shot.pair_room, own)
+        shot = self.shot
+        laws = (LinearLaw(offset, shot.covariance, shot.columns, shot.kinds) for offset in self.offset[which])
+        return np.array([law_quantile(law, self.p, fine=False).quantile_mm for law in laws])
+
+    def doubt_of_rays(self, near: NDArray[np.intp], own: Array) -> float:
+        """By how much rays leave R of these units, own (k,), open: a standard error of them all."""
+        if self.rays is None or not near.size or not own.all():
             return 0.0
-        room = np.zeros(6) if self.shot.room is None else self.shot.room
+        room = self.shot.pair_room
         ends = ((1 - STEP_OF_R) * own, own, (1 + STEP_OF_R) * own)
         pairs = (zip(self.offset[near], radii.tolist(), strict=True) for radii in ends)
         below, at, above = (np.mean([self.rays.shares(d, r, room) for d, r in each], axis=0) for each in pairs)
@@ -162,23 +175,22 @@ def draw_units(installation: LinearLaw, shot: LinearLaw, p: float, log2_units: i
     covariance = shot.total_covariance
     if pair:
         distance = lengths_of(offset, shot.room)
-        own, rays = _solve_pairs(p, offset, distance, shot)
-        return Units(p, shot, covariance, False, offset, distance, own, own, rays)
+        if not covariance.any():
+            return Units(p, shot, covariance, False, offset, distance, distance, distance)
+        own, rays = _solve_pairs(p, offset, shot), sample_pair(shot.covariance, shot.columns, shot.kinds)
+        return Units(p, shot, covariance, True, offset, distance, own, own, rays)
     distance = np.sqrt(np.einsum("ia,ia->i", offset, offset))
     low, high = _bound(p, offset, distance, covariance)
     return Units(p, shot, covariance, _shape_matters(shot), offset, distance, low, high)
 
 
-def _solve_pairs(p: float, offset: Array, distance: Array, shot: LinearLaw) -> tuple[Array, PairSample | None]:
-    """R (n,) of two vectors at offsets (n, 6), and the rays that it is solved from."""
-    if not shot.total_covariance.any():
-        return distance, None
-    rays, alone = sample_pair(shot.covariance, shot.columns, shot.kinds, LOG2_RAYS), []
-    room = np.zeros(6) if shot.room is None else shot.room
+def _solve_pairs(p: float, offset: Array, shot: LinearLaw) -> Array:
+    """R (n,) of two vectors at offsets (n, 6), by few rays."""
+    rays, room, alone = sample_pair(shot.covariance, shot.columns, shot.kinds, LOG2_RAYS), shot.pair_room, []
     for rows in (slice(0, 3), slice(3, 6)):
         own, covariance = offset[:, rows], shot.total_covariance[rows, rows]
         alone.append(_pearson_quantiles(p, own, np.linalg.norm(own, axis=1), covariance) - room[rows][:2].min())
-    return rays.quantiles(offset, p, room, np.maximum(np.max(alone, axis=0), SMALLEST_MM)), rays
+    return rays.quantiles(offset, p, room, np.maximum(np.max(alone, axis=0), SMALLEST_MM))
 
 
 def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple[Array, Array]:
@@ -248,9 +260,7 @@ def _correct(units: Units, near: NDArray[np.intp], own: Array, weight: Array | N
     """
     if not units.mixed or near.size == 0:
         return 0.0, 0.0
-    shot = units.shot
-    laws = (LinearLaw(offset, shot.covariance, shot.columns, shot.kinds) for offset in units.offset[near])
-    difference = np.array([law_quantile(law, units.p, fine=False).quantile_mm for law in laws]) - own
+    difference = units.solve_declared(near, own) - own
     mean = float(np.average(difference, weights=weight))
     return mean, sqrt(float(np.average((difference - mean) ** 2, weights=weight)))
 
@@ -323,7 +333,7 @@ def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuant
         inside, control = (np.clip((position - r) / (2 * width) + 0.5, 0, 1) for r in (rank, distance_rank))
         share_error = hypot(units.standard_error(inside - control), 1 / (n * sqrt(2 * width)))
         error = hypot(error, share_error * slope, distance.error_mm)
-    error = hypot(error, units.doubt_of_rays(near))
+    error = hypot(error, units.doubt_of_rays(near, own[near] + shift))
     return UnitQuantile(value + shift, error, density)
 
 
@@ -461,11 +471,14 @@ def _agree(share: float, fraction: float, within: bool, differ: bool) -> float:
 
 def _yield(units: Units, installation: LinearLaw, limit: float) -> tuple[float, float]:
     """(fraction of units with R <= limit, its standard error)."""
-    near = np.flatnonzero((units.low <= limit) & (units.high >= limit))
-    near = near[np.unique(np.linspace(0, near.size - 1, min(near.size, CORRECTED)).astype(int))]
+    if units.rays:
+        near = np.argsort(np.abs(units.high - limit))[:CORRECTED]
+    else:
+        near = np.flatnonzero((units.low <= limit) & (units.high >= limit))
+        near = near[np.unique(np.linspace(0, near.size - 1, min(near.size, CORRECTED)).astype(int))]
     shift, doubt = 0.0, 0.0
     if units.mixed:
-        shift, doubt = _correct(units, near, norm_quantiles(units.p, units.offset[near], units.shot_covariance))
+        shift, doubt = _correct(units, near, units.solve_first(near))
     level = limit - shift  # what R for the Gaussian shot must not exceed
     good = units.high <= level
     between = ~good & (units.low <= level)
