@@ -57,11 +57,26 @@ async function takeFile(file: File): Promise<void> {
   if (/\.stl$/i.test(file.name)) return (await import("../carrier")).takeSurface(file);
   const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 1;
   if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
+  const seats = kind === "step" ? Object.entries<Json>(settled.value?.interfaces ?? {}).filter(([, seat]) => seat?.drawing?.file?.split?.("/").pop() === file.name) : [];
+  if (seats.length) return takeSeats(file, seats);
   if (ending) return takePoints(file, kind);
   const content = decode(await file.arrayBuffer());
   if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
   if (/\.json$/i.test(file.name) && /"markups"\s*:/.test(content) && !/"fiducials"\s*:/.test(content)) return takePoints(file, "mrk.json"); // of 3D Slicer, whatever its name
   takeText(file.name, content, `Open ${file.name}`);
+}
+
+/** The seats that the design names this STEP file for, as the command reads them; its balls are left. */
+async function takeSeats(file: File, seats: [string, Json][]): Promise<void> {
+  const { schema, name, views, fiducials, targets } = settled.value, content = await file.text(), edits = [], notes: string[] = [];
+  for (const [called, { drawing: { file: _, ...asked }, ...kept }] of seats) {
+    const made = await convert(file.name, (words) => words.replaceAll("content.step", file.name), send("POST", "/v1/conversions", { format: "step", content, base: { schema, name, views, fiducials, targets }, ...asked }));
+    if (!made) return;
+    edits.push({ path: ["interfaces", called], value: { ...kept, features: parse(made.content).data.interfaces.structure_connector.features } });
+    notes.push(...made.notes);
+  }
+  edit(edits, `Seat of ${file.name}`);
+  say(`${seats.map(([called]) => called).join(" and ")} as ${file.name} states it, its features written out. If its balls are the fiducials, give it once more. ${[...new Set(notes)].slice(0, 5).join("; ")}`);
 }
 
 /** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */

@@ -7,7 +7,7 @@ import { onSurface, optimise, takeOptimum, verify } from "../acts";
 import { key } from "../api";
 import { START } from "../advice";
 import { roundStep } from "../geometry";
-import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, startProblem, stateWords, unfinished } from "../jobs";
+import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, stateWords, unfinished } from "../jobs";
 import { precisionOf, read } from "../readings";
 import { contentOf, design, type Json, open, text } from "../state";
 import { brief, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
@@ -29,6 +29,7 @@ export function Runs() {
       <div class="controls" role="group" aria-label="Run">
         <button type="button" disabled={!ready} onClick={verify}>Verify by Monte Carlo, with report</button>
         <button type="button" disabled={!ready || unstated} title={unstated ? "the design states no requirement: add one under all fields" : ""} onClick={optimise}>Optimise</button>
+        {design.value?.execution?.robot && <button type="button" disabled={unstated} onClick={() => start("Where the arm may go", "/v1/studies/workspace", {})}>Where the arm may go</button>}
         {onSurface.value && <span class="note">{`it puts beads on ${onSurface.value.file}`}</span>}
         {!design.value?.optimise && !unstated && !onSurface.value && <span class="note">{START}; under all fields, optimise says otherwise</span>}
       </div>
@@ -102,6 +103,7 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
   if (run.kind === "optimisation") return <Optimum result={result} />;
   if (run.kind === "comparison") return <>{[result.headline.sentence, ...result.headline.matters].map((sentence: string) => <p key={sentence}>{sentence}</p>)}</>;
   if (run.kind === "sweep") return <Swept run={run} result={result} />;
+  if (result.conclusions) return <>{result.conclusions.map((sentence: string) => <p key={sentence}>{sentence}</p>)}{result.fields && <Workspace study={result} />}</>;
   if (run.kind !== "report") return null;
   return (
     <>
@@ -136,6 +138,26 @@ function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distr
         {Array.from({ length: Math.ceil(end / step) }, (_, k) => <text key={k} x={x(k * step)} y={height + 13} text-anchor={k ? "middle" : "start"}>{`${brief(k * step)}${(k + 1) * step < end ? "" : " mm"}`}</text>)}
       </svg>
     </figure>
+  );
+}
+
+/** Where the arm may go: the fewer poses of a field keep the limit, the fainter it is. */
+function Workspace({ study }: { study: Json }) {
+  return (
+    <div class="controls" data-kind="estimate">
+      {["from above", "from the side"].map((plane) => {
+        const fields: Json[] = study.fields.filter((each: Json) => each.plane === plane), side = study.field_mm, xs = fields.map((each) => each.x_mm), ys = fields.map((each) => -each.beside_mm);
+        const left = Math.min(...xs) - side / 2, top = Math.min(...ys) - side / 2, words = `${plane}, stronger where more of the poses keep the limit: ${mm(Math.max(...xs) + side / 2 - left, 0)} mm of the robot's x across`;
+        return (
+          <figure key={plane} class="histogram">
+            <figcaption>{words}</figcaption>
+            <svg viewBox={`${left} ${top} ${Math.max(...xs) + side / 2 - left} ${Math.max(...ys) + side / 2 - top}`} role="img" aria-label={words}>
+              {fields.map((each, k) => <rect key={k} x={xs[k] - side / 2} y={ys[k] - side / 2} width={side} height={side} style={{ opacity: 0.05 + (0.95 * each.within) / each.poses }}><title>{`${each.within} of ${each.poses} poses keep the limit`}</title></rect>)}
+            </svg>
+          </figure>
+        );
+      })}
+    </div>
   );
 }
 
