@@ -39,7 +39,9 @@ MostTrials = Annotated[
 class Options(BaseModel):
     """The options of an operation; this one has none."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True, defer_build=True
+    )
 
     exclusive: ClassVar[tuple[str, ...]] = ()  # of these, one at most
     flags: ClassVar[Mapping[str, Flag]] = {}  # of options that are inherited, in place of what stands beside them
