@@ -108,6 +108,8 @@ def number(value: float | None, digits: int = 4) -> str:
         return "0"
     if not isfinite(value):
         return str(value)
+    if 10**digits <= abs(value) < 1e7:
+        return f"{float(f'{value:.{digits}g}'):.0f}"
     text = f"{value:#.{digits}g}" if 1e-3 <= abs(value) < 10**digits else f"{value:.{digits}g}"
     return text.rstrip(".")
 
