@@ -30,9 +30,8 @@ LARGEST_MM = 5.0
 class Skeleton(Record):
     """How far a bead at 100 mm from the z axis may sag along z, drawn at every shot."""
 
-    half_width_mm: Annotated[HalfWidth, Typical(0.05, 1), SAG_MM] = Field(
-        description="Half-width of the sag, mm.", examples=[0.1]
-    )
+    half_width_mm: Annotated[HalfWidth, Typical(0.05, 1), SAG_MM] = Field(examples=[0.1])
+    """Half-width of the sag, mm."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 

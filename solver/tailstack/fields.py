@@ -6,9 +6,14 @@ arithmetic behind it.
 
 from __future__ import annotations
 
+import ast
+import inspect
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
+from itertools import pairwise
 from math import hypot, inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
@@ -17,10 +22,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from .cures import ask_meant
@@ -46,6 +53,40 @@ class Record(BaseModel):
         use_enum_values=False,
         defer_build=True,  # the document's validator holds those of all its parts: each need not have one of its own
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        made = handler(core_schema)
+        properties = handler.resolve_ref_schema(made)["properties"]
+        for name, field in describe_fields(cls).items():
+            properties[field.alias or name].setdefault("description", field.description)
+        return made
+
+
+def describe_fields(record: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Its fields by their names, described by the text that stands below each, which is read when first asked for."""
+    for base in record.__mro__[: record.__mro__.index(BaseModel)]:
+        for name, words in _read_texts(base.__module__).get(base.__name__, {}).items():
+            field = record.model_fields[name]
+            field.description = field.description or words
+    return record.model_fields
+
+
+@cache
+def _read_texts(module: str) -> dict[str, dict[str, str]]:
+    """The text below each field of each class of a module, in one line: by class and field."""
+    classes = (
+        each for each in ast.parse(inspect.getsource(sys.modules[module])).body if isinstance(each, ast.ClassDef)
+    )
+    return {
+        each.name: {
+            field.target.id: " ".join(text.value.value.split())
+            for field, text in pairwise(each.body)
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+            if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        }
+        for each in classes
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,7 @@ from tailstack.design.pointers import find_numbers, set_numbers
 from tailstack.effects import EFFECTS, EffectKind
 from tailstack.effects.kind import Excess
 from tailstack.errors import DesignError
+from tailstack.fields import describe_fields
 from tailstack.levels import Drawn
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
@@ -225,7 +226,7 @@ def meet_report(own: Subject, folder: Path) -> None:
 def meet_page(own: Subject, folder: Path) -> None:
     """The page makes its fields of the schema, and its sliders of the bounds there."""
     schema = json.dumps(json_schema("design"))
-    for name, field in own.kind.section.model_fields.items():
+    for name, field in describe_fields(own.kind.section).items():
         assert field.description
         assert f'"{name}"' in schema
 

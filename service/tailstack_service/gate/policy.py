@@ -60,28 +60,26 @@ class NoteRule(Record):
 class P95Rule(ErrorRule):
     """Quantiles: every pooled requirement of the design, and a P95 limit of the policy's own."""
 
-    limit_mm: Length | None = Field(
-        default=None, description="P95 of the TCP error at every target must not exceed this, mm.", examples=[2.0]
-    )
+    limit_mm: Length | None = Field(default=None, examples=[2.0])
+    """P95 of the TCP error at every target must not exceed this, mm."""
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
 class CvarRule(ErrorRule):
     """Mean of the worst 5 % of errors."""
 
-    limit_mm: Length | None = Field(
-        default=None, description="CVaR95 of the TCP error at every target must not exceed this, mm.", examples=[2.5]
-    )
+    limit_mm: Length | None = Field(default=None, examples=[2.5])
+    """CVaR95 of the TCP error at every target must not exceed this, mm."""
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
 class ExceedanceRule(ErrorRule):
     """How often an error may be large."""
 
-    limit_mm: Length | None = Field(default=None, description="Error that counts as large, mm.", examples=[2.5])
-    max_probability: Probability | None = Field(
-        default=None, description="Largest share of shots beyond limit_mm.", examples=[0.01]
-    )
+    limit_mm: Length | None = Field(default=None, examples=[2.5])
+    """Error that counts as large, mm."""
+    max_probability: Probability | None = Field(default=None, examples=[0.01])
+    """Largest share of shots beyond limit_mm."""
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
     @model_validator(mode="after")
@@ -93,12 +91,10 @@ class ExceedanceRule(ErrorRule):
 class YieldRule(ErrorRule):
     """Share of installed units that are good: per-unit requirements of the design, and one of the policy's own."""
 
-    limit_mm: Length | None = Field(
-        default=None, description="A unit is good if the P95 of its own shots is within this, mm.", examples=[2.0]
-    )
-    min_yield: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None, description="Fraction of units that must be good.", examples=[0.95]
-    )
+    limit_mm: Length | None = Field(default=None, examples=[2.0])
+    """A unit is good if the P95 of its own shots is within this, mm."""
+    min_yield: Annotated[float, Field(gt=0, lt=1)] | None = Field(default=None, examples=[0.95])
+    """Fraction of units that must be good."""
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
     @model_validator(mode="after")
@@ -110,9 +106,8 @@ class YieldRule(ErrorRule):
 class GapRule(WarningRule):
     """How far first order may be from Monte Carlo."""
 
-    max_percent: Percent = Field(
-        default=5.0, description="Largest difference of the two P95, per cent of the verified one.", examples=[5.0]
-    )
+    max_percent: Percent = Field(default=5.0, examples=[5.0])
+    """Largest difference of the two P95, per cent of the verified one."""
 
 
 if TYPE_CHECKING:
@@ -125,75 +120,67 @@ class PlausibilityRule(WarningRule):
     """Values that are allowed and hardly ever meant."""
 
     remarks: Annotated[list[Implausible], Field(max_length=100)] | None = Field(
-        default=None,
-        description="Remarks that count with the severity; the others are noted. Default all.",
-        examples=[["noise-too-small", "half-width-too-fine"]],
+        default=None, examples=[["noise-too-small", "half-width-too-fine"]]
     )
+    """Remarks that count with the severity; the others are noted. Default all."""
 
 
 class AssumedRule(WarningRule):
     """Values of the design that nobody stated."""
 
-    max_count: Annotated[int, Field(ge=0, le=1000)] = Field(
-        default=0, description="So many assumed values are accepted. Default none.", examples=[3]
-    )
+    max_count: Annotated[int, Field(ge=0, le=1000)] = Field(default=0, examples=[3])
+    """So many assumed values are accepted. Default none."""
 
 
 class SpacingRule(ErrorRule):
     """Distance between fiducials."""
 
-    min_mm: Length | None = Field(default=None, description="Smallest distance of two fiducials, mm.", examples=[8.0])
+    min_mm: Length | None = Field(default=None, examples=[8.0])
+    """Smallest distance of two fiducials, mm."""
 
 
 class LossRule(ErrorRule):
     """Every limit is kept when fiducials are lost."""
 
-    lost: Literal[1, 2] | None = Field(
-        default=None,
-        description="So many fiducials may be lost in all views, whichever they are, and every requirement keeps its "
-        "limit by estimate. Default none: nothing is judged.",
-        examples=[1],
-    )
+    lost: Literal[1, 2] | None = Field(default=None, examples=[1])
+    """So many fiducials may be lost in all views, whichever they are, and every requirement keeps its limit by
+    estimate. Default none: nothing is judged."""
 
 
 class ReliabilityRule(ErrorRule):
     """A slip of a fiducial's image is noticed before it does much."""
 
-    max_effect_mm: Length | None = Field(
-        default=None,
-        description="Largest error at the tool that a slip of one fiducial's image in one view may do without being "
-        "noticed by its residuals, mm. Default none: nothing is judged.",
-        examples=[0.5],
-    )
+    max_effect_mm: Length | None = Field(default=None, examples=[0.5])
+    """Largest error at the tool that a slip of one fiducial's image in one view may do without being noticed by its
+    residuals, mm. Default none: nothing is judged."""
 
 
 class VisibilityRule(WarningRule):
     """Margin between the images of fiducials and the border of each view."""
 
-    min_margin_px: Pixels = Field(default=0.0, description="Smallest distance from the border, px.", examples=[20.0])
+    min_margin_px: Pixels = Field(default=0.0, examples=[20.0])
+    """Smallest distance from the border, px."""
 
 
 class OverlapRule(WarningRule):
     """Distance between the images of two fiducials in each view."""
 
-    min_px: Pixels = Field(default=10.0, description="Smallest distance of two images, px.", examples=[10.0])
+    min_px: Pixels = Field(default=10.0, examples=[10.0])
+    """Smallest distance of two images, px."""
 
 
 class Process(Record):
     """What a manufacturing process can hold."""
 
-    name: Name = Field(description="Name of the process.", examples=["milled seat"])
-    tolerances: Patterns = Field(
-        description="Tolerances made by it, as patterns (* and ?) of names like structure_connector.rx, "
-        "connector_flange.tz, structure_connector.A1 (a locator), fiducials.manufacturing, hand_eye.tx.",
-        examples=[["structure_connector.r?"]],
-    )
-    min_half_width_deg: Annotated[float, Field(gt=0, le=45)] | None = Field(
-        default=None, description="Smallest half-width of a rotation that it holds, degrees.", examples=[0.05]
-    )
-    min_half_width_mm: Annotated[float, Field(gt=0, le=1e3)] | None = Field(
-        default=None, description="Smallest half-width of a length that it holds, mm.", examples=[0.02]
-    )
+    name: Name = Field(examples=["milled seat"])
+    """Name of the process."""
+    tolerances: Patterns = Field(examples=[["structure_connector.r?"]])
+    """Tolerances made by it, as patterns (* and ?) of names like structure_connector.rx, connector_flange.tz,
+    structure_connector.A1 (a locator), fiducials.manufacturing, hand_eye.tx."""
+    min_half_width_deg: Annotated[float, Field(gt=0, le=45)] | None = Field(default=None, examples=[0.05])
+    """Smallest half-width of a rotation that it holds, degrees."""
+    min_half_width_mm: Annotated[float, Field(gt=0, le=1e3)] | None = Field(default=None, examples=[0.02])
+    """Smallest half-width of a length that it holds, mm."""
 
     @model_validator(mode="after")
     def _require_width(self) -> Process:
@@ -205,61 +192,46 @@ class Process(Record):
 class ProcessRule(ErrorRule):
     """Tolerances tighter than their process can hold."""
 
-    processes: Annotated[list[Process], Field(max_length=200)] = Field(
-        default=[], description="What each process can hold. Default none: nothing is judged."
-    )
+    processes: Annotated[list[Process], Field(max_length=200)] = Field(default=[])
+    """What each process can hold. Default none: nothing is judged."""
 
 
 class RegressionRule(ErrorRule):
     """Worse than the baseline."""
 
-    max_percent: Percent = Field(
-        default=0.0,
-        description="By how much the P95 at a target may exceed the baseline's, per cent; --max-regression goes before "
-        "it. Default 0.",
-        examples=[2.0],
-    )
+    max_percent: Percent = Field(default=0.0, examples=[2.0])
+    """By how much the P95 at a target may exceed the baseline's, per cent; --max-regression goes before it. Default 0.
+    """
 
 
 class InconclusiveRule(Record):
     """An interval that holds the limit."""
 
-    severity: Literal["error", "warning"] = Field(
-        default="error",
-        description="error or warning, never less: an open question is no pass. warning has the meaning of "
-        "--on-inconclusive warn.",
-        examples=["error"],
-    )
+    severity: Literal["error", "warning"] = Field(default="error", examples=["error"])
+    """error or warning, never less: an open question is no pass. warning has the meaning of --on-inconclusive warn."""
 
 
 class ExpiredRule(Record):
     """A waiver beyond its date."""
 
-    severity: Literal["error"] = Field(default="error", description="Always an error.", examples=["error"])
+    severity: Literal["error"] = Field(default="error", examples=["error"])
+    """Always an error."""
 
 
 class UnjudgedRule(Record):
     """A requirement that nothing was held against."""
 
-    severity: Literal["error", "warning", "note"] = Field(
-        default="warning",
-        description="error, warning or note, never off: what was not judged is always named.",
-        examples=["warning"],
-    )
+    severity: Literal["error", "warning", "note"] = Field(default="warning", examples=["warning"])
+    """error, warning or note, never off: what was not judged is always named."""
 
 
 class WideWaiverRule(WarningRule):
     """A waiver that accepts more than anybody looked at."""
 
-    max_limit_ratio: Ratio = Field(
-        default=2.0, description="A waiver may accept up to so many times the limit. Default 2.", examples=[2.0]
-    )
-    max_value_ratio: Ratio = Field(
-        default=1.5,
-        description="A waiver may accept up to so many times what it accepts now (the end of the interval). "
-        "Default 1.5.",
-        examples=[1.5],
-    )
+    max_limit_ratio: Ratio = Field(default=2.0, examples=[2.0])
+    """A waiver may accept up to so many times the limit. Default 2."""
+    max_value_ratio: Ratio = Field(default=1.5, examples=[1.5])
+    """A waiver may accept up to so many times what it accepts now (the end of the interval). Default 1.5."""
 
 
 class Rules(Record):
@@ -299,53 +271,44 @@ class Rules(Record):
 class DesignClass(Record):
     """Designs with rules of their own: what is given here goes before ``rules``, field by field."""
 
-    name: Name = Field(description="Name, unique.", examples=["prototypes"])
-    files: Patterns | None = Field(
-        default=None,
-        description="Patterns of files (* and ?, * also crosses /; **/ is any depth), from the root of the repository "
-        "or from a folder between that and this document.",
-        examples=[["prototypes/*"]],
-    )
-    rules: Rules = Field(default_factory=Rules, description="What differs from the policy's rules.")
+    name: Name = Field(examples=["prototypes"])
+    """Name, unique."""
+    files: Patterns | None = Field(default=None, examples=[["prototypes/*"]])
+    """Patterns of files (* and ?, * also crosses /; **/ is any depth), from the root of the repository or from a folder
+    between that and this document."""
+    rules: Rules = Field(default_factory=Rules)
+    """What differs from the policy's rules."""
 
 
 class SimulationSettings(Record):
     """How Monte Carlo is drawn."""
 
-    precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(
-        default=0.01,
-        description="Mode verify: relative half-width of the interval of P95 at which drawing may end.",
-        examples=[0.01],
-    )
-    max_trials: Annotated[int, Field(ge=1000, le=1_000_000_000)] = Field(
-        default=2**20, description="Trials after which an open question is inconclusive.", examples=[1048576]
-    )
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
-        default=0, description="Seed; with a baseline, the baseline's is used.", examples=[0]
-    )
+    precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(default=0.01, examples=[0.01])
+    """Mode verify: relative half-width of the interval of P95 at which drawing may end."""
+    max_trials: Annotated[int, Field(ge=1000, le=1_000_000_000)] = Field(default=2**20, examples=[1048576])
+    """Trials after which an open question is inconclusive."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, examples=[0])
+    """Seed; with a baseline, the baseline's is used."""
 
 
 class Policy(Record):
     """What a design must keep to pass."""
 
-    schema_: Literal["tailstack/policy/1"] = Field(
-        alias="schema", description="Version of this document.", examples=["tailstack/policy/1"]
-    )
-    name: Name = Field(default="policy", description="Name of the policy.", examples=["drill guides"])
-    description: Annotated[str, Field(max_length=4000)] = Field(default="", description="Free text.")
-    rules: Rules = Field(default_factory=Rules, description="Rules by id.")
-    classes: Annotated[list[DesignClass], Field(max_length=100)] = Field(
-        default=[], description="Designs with rules of their own; the first class that matches counts."
-    )
-    verification: SimulationSettings = Field(
-        default_factory=SimulationSettings, description="How Monte Carlo is drawn, in modes verify and auto."
-    )
-    guard_band_percent: Percent = Field(
-        default=10.0,
-        description="Mode auto draws Monte Carlo where a first-order value lies within so much of its limit, or where "
-        "first order cannot decide. Default 10.",
-        examples=[10.0],
-    )
+    schema_: Literal["tailstack/policy/1"] = Field(alias="schema", examples=["tailstack/policy/1"])
+    """Version of this document."""
+    name: Name = Field(default="policy", examples=["drill guides"])
+    """Name of the policy."""
+    description: Annotated[str, Field(max_length=4000)] = ""
+    """Free text."""
+    rules: Rules = Field(default_factory=Rules)
+    """Rules by id."""
+    classes: Annotated[list[DesignClass], Field(max_length=100)] = Field(default=[])
+    """Designs with rules of their own; the first class that matches counts."""
+    verification: SimulationSettings = Field(default_factory=SimulationSettings)
+    """How Monte Carlo is drawn, in modes verify and auto."""
+    guard_band_percent: Percent = Field(default=10.0, examples=[10.0])
+    """Mode auto draws Monte Carlo where a first-order value lies within so much of its limit, or where first order
+    cannot decide. Default 10."""
 
     @model_validator(mode="after")
     def _require_unique_names(self) -> Policy:

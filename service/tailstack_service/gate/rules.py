@@ -12,6 +12,7 @@ from textwrap import fill
 from typing import Any, Literal
 
 from tailstack.design.document import without_null
+from tailstack.fields import describe_fields
 
 from ..shipped import find_manual
 from .baseline import find_not_compared, find_regressions, find_relaxed_limits
@@ -68,7 +69,7 @@ def _describe_settings(rule: str) -> list[str]:
     if entry is None:
         return []
     lines = []
-    for name, field in type(entry).model_fields.items():
+    for name, field in describe_fields(type(entry)).items():
         said = str(field.description)
         default = "" if "Default" in said or field.default is None else f" Default {field.default}."
         lines.append(fill(f"- {name}: {said}{default}", 120, subsequent_indent="  "))

@@ -45,27 +45,24 @@ Day = Annotated[date, BeforeValidator(_read_day, json_schema_input_type=str)]
 class Waiver(Record):
     """One accepted finding."""
 
-    rule: Name = Field(description="Id of the rule.", examples=["p95"])
-    designs: Patterns | None = Field(
-        default=None,
-        description="Patterns (* and ?) of files, from the root of the repository or from a folder between that and "
-        "this document. Absent: every design.",
-        examples=[["waived.yaml"]],
-    )
-    target: Name | None = Field(default=None, description="Only at this target. Absent: at all.", examples=["tip"])
-    owner: Name = Field(description="Who answers for it.", examples=["J. Doe, systems"])
+    rule: Name = Field(examples=["p95"])
+    """Id of the rule."""
+    designs: Patterns | None = Field(default=None, examples=[["waived.yaml"]])
+    """Patterns (* and ?) of files, from the root of the repository or from a folder between that and this document.
+    Absent: every design."""
+    target: Name | None = Field(default=None, examples=["tip"])
+    """Only at this target. Absent: at all."""
+    owner: Name = Field(examples=["J. Doe, systems"])
+    """Who answers for it."""
     reason: Annotated[str, Field(min_length=1, max_length=2000)] = Field(
-        description="Why it is accepted.", examples=["first article only; seat is reworked in rev C"]
+        examples=["first article only; seat is reworked in rev C"]
     )
-    max_value: float | None = Field(
-        default=None,
-        description="Accepted up to this value of the finding (for an error, the upper end of its interval); for "
-        "rules where more is worse.",
-        examples=[1.2],
-    )
-    min_value: float | None = Field(
-        default=None, description="Accepted down to this value; for rules where less is worse.", examples=[0.9]
-    )
+    """Why it is accepted."""
+    max_value: float | None = Field(default=None, examples=[1.2])
+    """Accepted up to this value of the finding (for an error, the upper end of its interval); for rules where more is
+    worse."""
+    min_value: float | None = Field(default=None, examples=[0.9])
+    """Accepted down to this value; for rules where less is worse."""
     expires: Day = Field(
         description=f"Last day on which it counts, YYYY-MM-DD, at most {LONGEST_DAYS} days ahead.",
         examples=["2027-01-31"],
@@ -82,10 +79,10 @@ class Waiver(Record):
 class Waivers(Record):
     """What is accepted for now."""
 
-    schema_: Literal["tailstack/waivers/1"] = Field(
-        alias="schema", description="Version of this document.", examples=["tailstack/waivers/1"]
-    )
-    waivers: Annotated[list[Waiver], Field(max_length=1000)] = Field(description="The waivers.")
+    schema_: Literal["tailstack/waivers/1"] = Field(alias="schema", examples=["tailstack/waivers/1"])
+    """Version of this document."""
+    waivers: Annotated[list[Waiver], Field(max_length=1000)]
+    """The waivers."""
 
 
 def waivers_json_schema() -> dict[str, Any]:

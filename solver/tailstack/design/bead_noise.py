@@ -23,37 +23,29 @@ class BeadNoise(Record):
 
     model_config, _one_level = exactly_one("snr", "counts", neither="snr: 30")
 
-    diameter_mm: Annotated[Length, BALL_MM] = Field(
-        description="Diameter of the beads, mm; not a shift of their images, which is fiducials.diameter_mm.",
-        examples=[3.0],
-    )
+    diameter_mm: Annotated[Length, BALL_MM] = Field(examples=[3.0])
+    """Diameter of the beads, mm; not a shift of their images, which is fiducials.diameter_mm."""
     contrast: Annotated[float, Field(ge=1e-3, le=1), AnySize("its domain is what anybody means")] = Field(
-        description="Share of the background that the shadow of a bead takes away, on average over the shadow.",
-        examples=[0.3],
+        examples=[0.3]
     )
+    """Share of the background that the shadow of a bead takes away, on average over the shadow."""
     snr: Annotated[float, Field(ge=0.1, le=1e5), AnySize("a ratio of any size")] | None = Field(
-        default=None,
-        description="Mean of a pixel of the background over its standard deviation. Give either this or counts.",
-        examples=[30.0],
+        default=None, examples=[30.0]
     )
+    """Mean of a pixel of the background over its standard deviation. Give either this or counts."""
     counts: Annotated[float, Field(ge=0.01, le=1e10), AnySize("a number of quanta of any size")] | None = Field(
-        default=None,
-        description="Quanta that a pixel of the background detects in an image: its snr squared. At 70 kV some 30,000 "
-        "per mm^2 and microgray at the detector, times its quantum efficiency and the area of a pixel.",
-        examples=[900.0],
+        default=None, examples=[900.0]
     )
+    """Quanta that a pixel of the background detects in an image: its snr squared. At 70 kV some 30,000 per mm^2 and
+    microgray at the detector, times its quantum efficiency and the area of a pixel."""
     focal_spot_mm: Annotated[float, Field(ge=0, le=10), AnySize("0 to 2 mm, which its domain says")] | None = Field(
-        default=None,
-        description="Width of the focal spot, mm: its penumbra grows with the magnification. The view has to say how "
-        "far its detector is. Default 0.",
-        examples=[0.6],
+        default=None, examples=[0.6]
     )
-    other_px: Pixels | None = Field(
-        default=None,
-        description="Standard deviation of what quanta do not explain, anatomy behind a bead and the software, px; "
-        "added in squares. Default 0.",
-        examples=[0.05],
-    )
+    """Width of the focal spot, mm: its penumbra grows with the magnification. The view has to say how far its detector
+    is. Default 0."""
+    other_px: Pixels | None = Field(default=None, examples=[0.05])
+    """Standard deviation of what quanta do not explain, anatomy behind a bead and the software, px; added in squares.
+    Default 0."""
 
 
 def bead_noise(section: BeadNoise, projection: Array, fiducials_mm: Array, detector_mm: float, pointer: str) -> Array:

@@ -107,12 +107,10 @@ ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in c
 class IntrinsicsPrior(Record):
     """How well the intrinsics of a view are known before its fiducials are seen, as standard deviations."""
 
-    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1), SHARE] = Field(
-        description="Standard deviation of the focal length, as a part of it: 0.01 is 1 %.", examples=[0.01]
-    )
-    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4), FOOT_SD_PX] = Field(
-        description="Standard deviation of each coordinate of the principal point, px.", examples=[10.0]
-    )
+    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1), SHARE] = Field(examples=[0.01])
+    """Standard deviation of the focal length, as a part of it: 0.01 is 1 %."""
+    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4), FOOT_SD_PX] = Field(examples=[10.0])
+    """Standard deviation of each coordinate of the principal point, px."""
 
 
 _Moment = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -151,41 +149,28 @@ NoiseOfBeads = Annotated[
 
 @with_sections("view", sees=None, intrinsics_prior=None, fiducial_noise_shape=None, target_noise_shape=None)
 class _View(Record):
-    name: Name = Field(description="What you call this view; unique.", examples=["AP"])
-    fiducial_noise_px: NoiseOfBeads = Field(
-        description="Standard deviation of a fiducial's measured image, per coordinate (not per point), px. "
-        "Well-segmented 3 mm beads: 0.05 best, 0.3 typical, 0.5 clinical, 1.0 stress. Or what it follows from.",
-        examples=[0.3],
-    )
-    target_noise_px: Pixels = Field(
-        description="Standard deviation of the target's measured image, per coordinate, px. Independent of the "
-        "fiducials' noise.",
-        examples=[0.3],
-    )
-    fiducial_noise_shape: NoiseShape | None = Field(
-        default=None,
-        description="Covariance of that noise along u and v, [[uu, uv], [uv, vv]], over fiducial_noise_px^2: the mean "
-        "of uu and vv is 1. weighted triangulation weighs by it; the other estimators know nothing of it. Default "
-        "[[1, 0], [0, 1]], alike in all directions.",
-        examples=[[[1.6, 0.3], [0.3, 0.4]]],
-    )
-    target_noise_shape: NoiseShape | None = Field(
-        default=None,
-        description="The same of the target's image, over target_noise_px^2.",
-        examples=[[[0.5, 0.0], [0.0, 1.5]]],
-    )
+    name: Name = Field(examples=["AP"])
+    """What you call this view; unique."""
+    fiducial_noise_px: NoiseOfBeads = Field(examples=[0.3])
+    """Standard deviation of a fiducial's measured image, per coordinate (not per point), px. Well-segmented 3 mm beads:
+    0.05 best, 0.3 typical, 0.5 clinical, 1.0 stress. Or what it follows from."""
+    target_noise_px: Pixels = Field(examples=[0.3])
+    """Standard deviation of the target's measured image, per coordinate, px. Independent of the fiducials' noise."""
+    fiducial_noise_shape: NoiseShape | None = Field(default=None, examples=[[[1.6, 0.3], [0.3, 0.4]]])
+    """Covariance of that noise along u and v, [[uu, uv], [uv, vv]], over fiducial_noise_px^2: the mean of uu and vv is
+    1. weighted triangulation weighs by it; the other estimators know nothing of it. Default [[1, 0], [0, 1]], alike in
+    all directions."""
+    target_noise_shape: NoiseShape | None = Field(default=None, examples=[[[0.5, 0.0], [0.0, 1.5]]])
+    """The same of the target's image, over target_noise_px^2."""
     sees: Annotated[list[Name], Field(min_length=1)] | None = Field(
-        default=None,
-        description="Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image "
-        "or not told apart. Default: all of them.",
-        examples=[["F1", "F2", "F3", "F4", "F5", "F6"]],
+        default=None, examples=[["F1", "F2", "F3", "F4", "F5", "F6"]]
     )
-    intrinsics_prior: IntrinsicsPrior | None = Field(
-        default=None,
-        description="How well focal length and principal point are known beforehand. The estimator pose_with_prior "
-        "needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much "
-        "(normal, once per unit). dlt and reprojection read neither.",
-    )
+    """Labels of the fiducials that this view's estimate uses: the others are hidden, outside the image or not told
+    apart. Default: all of them."""
+    intrinsics_prior: IntrinsicsPrior | None = None
+    """How well focal length and principal point are known beforehand. The estimator pose_with_prior needs it in every
+    view. Where intrinsics_error is absent, the assumed intrinsics also err by this much (normal, once per unit). dlt
+    and reprojection read neither."""
 
     @model_validator(mode="after")
     def _noise_has_a_shape(self) -> Self:
@@ -200,27 +185,15 @@ class _Aimed(_View):
 
     model_config, _one_direction = exactly_one("orientation", "beam_direction", neither="orientation: AP")
 
-    orientation: Literal["AP", "LAT"] | None = Field(
-        default=None,
-        description="AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give "
-        "either this or beam_direction.",
-        examples=["AP"],
-    )
-    beam_direction: Direction | None = Field(
-        default=None,
-        description="Direction from the source to the detector, in con; any length. Instead of orientation.",
-        examples=[[0.0, 1.0, 0.0]],
-    )
-    up_direction: Direction = Field(
-        default=(0.0, 0.0, 1.0),
-        description="Direction in con that is up in the image (v runs the other way). Default z.",
-        examples=[[0.0, 0.0, 1.0]],
-    )
-    isocentre_mm: Annotated[Point, TARGET_MM] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Where the beam's axis passes, in con, mm. Default the origin.",
-        examples=[[0.0, 0.0, -30.0]],
-    )
+    orientation: Literal["AP", "LAT"] | None = Field(default=None, examples=["AP"])
+    """AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or
+    beam_direction."""
+    beam_direction: Direction | None = Field(default=None, examples=[[0.0, 1.0, 0.0]])
+    """Direction from the source to the detector, in con; any length. Instead of orientation."""
+    up_direction: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0.0, 0.0, 1.0]])
+    """Direction in con that is up in the image (v runs the other way). Default z."""
+    isocentre_mm: Annotated[Point, TARGET_MM] = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, -30.0]])
+    """Where the beam's axis passes, in con, mm. Default the origin."""
 
     @model_validator(mode="after")
     def _directions_differ(self) -> _Aimed:
@@ -245,48 +218,35 @@ class _Aimed(_View):
 class PresetView(_Aimed):
     """A published C-arm, aimed.  Any of its numbers can be overridden."""
 
-    preset: str = Field(
-        description="Name of a published geometry; `tailstack schema presets` lists them with their sources.",
-        examples=["siemens-cios-fusion"],
-        json_schema_extra={"enum": list(PRESETS)},
-    )
-    source_detector_mm: Annotated[Distance, DETECTOR_MM] | None = Field(
-        default=None, description="Overrides the preset's. mm.", examples=[1020.0]
-    )
-    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] | None = Field(
-        default=None, description="Overrides the preset's; required where the preset has none. mm.", examples=[700.0]
-    )
-    pixel_mm: PixelPitch | None = Field(
-        default=None, description="Overrides the preset's pixel pitch, mm.", examples=[0.194]
-    )
-    image_size_px: ImageSize | None = Field(
-        default=None, description="Overrides the preset's image size [width, height], px.", examples=[[1536, 1536]]
-    )
-    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(
-        default=None,
-        description="Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the "
-        "first is (0, 0). Default the image centre.",
-        examples=[[767.5, 767.5]],
-    )
+    preset: str = Field(examples=["siemens-cios-fusion"], json_schema_extra={"enum": list(PRESETS)})
+    """Name of a published geometry; `tailstack schema presets` lists them with their sources."""
+    source_detector_mm: Annotated[Distance, DETECTOR_MM] | None = Field(default=None, examples=[1020.0])
+    """Overrides the preset's. mm."""
+    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] | None = Field(default=None, examples=[700.0])
+    """Overrides the preset's; required where the preset has none. mm."""
+    pixel_mm: PixelPitch | None = Field(default=None, examples=[0.194])
+    """Overrides the preset's pixel pitch, mm."""
+    image_size_px: ImageSize | None = Field(default=None, examples=[[1536, 1536]])
+    """Overrides the preset's image size [width, height], px."""
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(default=None, examples=[[767.5, 767.5]])
+    """Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the first is (0, 0).
+    Default the image centre."""
 
 
 class DistanceView(_Aimed):
     """A C-arm by the numbers of its data sheet, aimed."""
 
-    source_detector_mm: Annotated[Distance, DETECTOR_MM] = Field(
-        description="Source to detector, mm.", examples=[1020.0]
-    )
-    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] = Field(
-        description="Source to isocentre_mm, mm.", examples=[700.0]
-    )
-    pixel_mm: PixelPitch = Field(description="Pixel pitch at the detector (square pixels), mm.", examples=[0.194])
-    image_size_px: ImageSize = Field(description="Image [width, height], px.", examples=[[1536, 1536]])
-    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(
-        default=None,
-        description="Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the "
-        "first is (0, 0). Default the image centre.",
-        examples=[[767.5, 767.5]],
-    )
+    source_detector_mm: Annotated[Distance, DETECTOR_MM] = Field(examples=[1020.0])
+    """Source to detector, mm."""
+    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] = Field(examples=[700.0])
+    """Source to isocentre_mm, mm."""
+    pixel_mm: PixelPitch = Field(examples=[0.194])
+    """Pixel pitch at the detector (square pixels), mm."""
+    image_size_px: ImageSize = Field(examples=[[1536, 1536]])
+    """Image [width, height], px."""
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(default=None, examples=[[767.5, 767.5]])
+    """Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the first is (0, 0).
+    Default the image centre."""
 
     @model_validator(mode="after")
     def _detector_behind_isocentre(self) -> DistanceView:
@@ -303,13 +263,12 @@ class DistanceView(_Aimed):
 class Intrinsics(Record):
     """Pinhole intrinsics: u = fx x/z + skew y/z + cx, v = fy y/z + cy."""
 
-    focal_px: Annotated[ImagePoint, FOCAL_PX] = Field(
-        description="[fx, fy], px: source-detector distance over pixel.", examples=[[5258, 5258]]
-    )
-    principal_point_px: Annotated[ImagePoint, FOOT_PX] = Field(description="[cx, cy], px.", examples=[[767.5, 767.5]])
-    skew_px: Annotated[Entry, SKEW_PX] = Field(
-        default=0.0, description="Skew of the pixel axes, px. Default 0.", examples=[0.0]
-    )
+    focal_px: Annotated[ImagePoint, FOCAL_PX] = Field(examples=[[5258, 5258]])
+    """[fx, fy], px: source-detector distance over pixel."""
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] = Field(examples=[[767.5, 767.5]])
+    """[cx, cy], px."""
+    skew_px: Annotated[Entry, SKEW_PX] = Field(default=0.0, examples=[0.0])
+    """Skew of the pixel axes, px. Default 0."""
 
     @model_validator(mode="after")
     def _focal_not_zero(self) -> Intrinsics:
@@ -323,31 +282,25 @@ class Intrinsics(Record):
 class PinholeView(_View):
     """Calibrated camera: intrinsics and the pose that maps con to the camera frame."""
 
-    intrinsics: Intrinsics = Field(description="Pinhole intrinsics, px.")
-    pose: Annotated[Transform, AnySize("source-distance judges where its source lies", "mm")] = Field(
-        description="T_camera_con: maps con coordinates to the camera frame (source at the origin, z towards the "
-        "detector, x along u, y along v). A 4x4 matrix (mm) or a rotation and translation_mm."
-    )
-    image_size_px: ImageSize | None = Field(
-        default=None,
-        description="Image [width, height], px. Without it the field of view is not checked.",
-        examples=[[1536, 1536]],
-    )
+    intrinsics: Intrinsics
+    """Pinhole intrinsics, px."""
+    pose: Annotated[Transform, AnySize("source-distance judges where its source lies", "mm")]
+    """T_camera_con: maps con coordinates to the camera frame (source at the origin, z towards the detector, x along u,
+    y along v). A 4x4 matrix (mm) or a rotation and translation_mm."""
+    image_size_px: ImageSize | None = Field(default=None, examples=[[1536, 1536]])
+    """Image [width, height], px. Without it the field of view is not checked."""
 
 
 class MatrixView(_View):
     """A calibrated 3x4 projection."""
 
     projection: Matrix34 = Field(
-        description="P, row by row: maps (X, Y, Z, 1), con mm, to homogeneous px. Scale and sign are free; the sign is "
-        "chosen so that the fiducials lie in front of the source.",
-        examples=[[[5257.73, 767.5, 0.0, 537250.0], [0.0, 767.5, -5257.73, 537250.0], [0.0, 1.0, 0.0, 700.0]]],
+        examples=[[[5257.73, 767.5, 0.0, 537250.0], [0.0, 767.5, -5257.73, 537250.0], [0.0, 1.0, 0.0, 700.0]]]
     )
-    image_size_px: ImageSize | None = Field(
-        default=None,
-        description="Image [width, height], px. Without it the field of view is not checked.",
-        examples=[[1536, 1536]],
-    )
+    """P, row by row: maps (X, Y, Z, 1), con mm, to homogeneous px. Scale and sign are free; the sign is chosen so that
+    the fiducials lie in front of the source."""
+    image_size_px: ImageSize | None = Field(default=None, examples=[[1536, 1536]])
+    """Image [width, height], px. Without it the field of view is not checked."""
 
 
 VIEW_KINDS: dict[str, type[_View]] = {
@@ -391,18 +344,13 @@ ViewDocument = Annotated[
 class PointFile(Record):
     """Points in a file beside the design, of the formats of fiducial files."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="Its name, a relative path.", examples=["plan/lesions.fcsv"]
-    )
-    T_con_file: Transform | None = Field(
-        default=None, description="Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."
-    )
-    as_fiducials: bool = Field(
-        default=False,
-        description="true: its points are in one scene with those of the fiducials' file, and are carried to con by "
-        "the same motion. Default false.",
-        examples=[True],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["plan/lesions.fcsv"])
+    """Its name, a relative path."""
+    T_con_file: Transform | None = None
+    """Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."""
+    as_fiducials: bool = Field(default=False, examples=[True])
+    """true: its points are in one scene with those of the fiducials' file, and are carried to con by the same motion.
+    Default false."""
 
     @model_validator(mode="after")
     def _one_motion(self) -> Self:
@@ -416,9 +364,8 @@ class PointFile(Record):
 class LocatorFile(PointFile):
     """Contacts in a file: its points go two by two, a contact and any point from it along its normal."""
 
-    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
-        description="Half-width of the deviation of each along its normal, mm.", examples=[0.01]
-    )
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(examples=[0.01])
+    """Half-width of the deviation of each along its normal, mm."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -428,15 +375,14 @@ class LocatorFile(PointFile):
 class Locator(Record):
     """One point contact: the seat holds the part at this point along this normal."""
 
-    name: Name = Field(description="Name of the locator, unique in the interface.", examples=["A1"])
-    position_mm: Point = Field(description="Contact point in con, mm.", examples=[[40.0, 0.0, -95.0]])
-    normal: Direction = Field(
-        description="Direction along which the contact constrains the part, in con; any length.",
-        examples=[[0.0, 0.0, 1.0]],
-    )
-    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
-        description="Half-width of the contact's deviation along the normal, mm.", examples=[0.01]
-    )
+    name: Name = Field(examples=["A1"])
+    """Name of the locator, unique in the interface."""
+    position_mm: Point = Field(examples=[[40.0, 0.0, -95.0]])
+    """Contact point in con, mm."""
+    normal: Direction = Field(examples=[[0.0, 0.0, 1.0]])
+    """Direction along which the contact constrains the part, in con; any length."""
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(examples=[0.01])
+    """Half-width of the contact's deviation along the normal, mm."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -455,42 +401,28 @@ class FiducialOrigin(Record):
     Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
     """
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="Name of the fiducial file, as the design named it.", examples=["fiducials/phantom.mrk.json"]
-    )
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(
-        description="SHA-256 of the file's bytes, 64 hexadecimal digits.", examples=["0" * 64]
-    )
-    coordinate_system: Literal["LPS", "RAS"] = Field(
-        description="What the file held. The points here are LPS: of RAS, x and y changed their sign.",
-        examples=["RAS"],
-    )
-    coordinate_system_stated: bool = Field(
-        default=True,
-        description="false: the file did not say, and was read as its format was written then.",
-        examples=[True],
-    )
-    coordinate_unit: Literal["um", "mm", "cm", "m", "in"] = Field(
-        default="mm", description="Unit of the coordinates in the file. The points here are in mm.", examples=["mm"]
-    )
-    left_out: list[Name] = Field(
-        default_factory=list,
-        description="Points of the file that are no fiducials here, as their position was not defined: their labels, "
-        "with their state in brackets where it is another than undefined.",
-        examples=[["P10"]],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["fiducials/phantom.mrk.json"])
+    """Name of the fiducial file, as the design named it."""
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(examples=["0" * 64])
+    """SHA-256 of the file's bytes, 64 hexadecimal digits."""
+    coordinate_system: Literal["LPS", "RAS"] = Field(examples=["RAS"])
+    """What the file held. The points here are LPS: of RAS, x and y changed their sign."""
+    coordinate_system_stated: bool = Field(default=True, examples=[True])
+    """false: the file did not say, and was read as its format was written then."""
+    coordinate_unit: Literal["um", "mm", "cm", "m", "in"] = Field(default="mm", examples=["mm"])
+    """Unit of the coordinates in the file. The points here are in mm."""
+    left_out: list[Name] = Field(default_factory=list, examples=[["P10"]])
+    """Points of the file that are no fiducials here, as their position was not defined: their labels, with their state
+    in brackets where it is another than undefined."""
     remarks: list[Annotated[str, Field(min_length=1, max_length=400)]] = Field(
         default_factory=list,
         max_length=20,
-        description="What else is to be known of the file: other rows that were left out, and what was read in another "
-        "way than it is written.",
         examples=[["1 row was left out, as it begins with # and is a remark: line 12"]],
     )
-    changed: bool = Field(
-        default=False,
-        description="true: the points are no longer those of the file (the optimiser moved or left out some).",
-        examples=[False],
-    )
+    """What else is to be known of the file: other rows that were left out, and what was read in another way than it is
+    written."""
+    changed: bool = Field(default=False, examples=[False])
+    """true: the points are no longer those of the file (the optimiser moved or left out some)."""
 
     def describe_left_out(self) -> str:
         """Which points of the file are no fiducials; empty where there are none."""
@@ -506,17 +438,12 @@ WAYS_OF_HOLDING = ("tolerances", "locators", "locator_files", "features", "drawi
 class SeatDrawing(Record):
     """A STEP file whose tolerances (AP242) state a seat: a flat face and two dowel holes."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="STEP file beside the design (relative path).", examples=["carrier.step"]
-    )
-    pin_class: Annotated[str, Field(min_length=2, max_length=6)] = Field(
-        description="Class of ISO 286 of the pins that go into its holes.", examples=["g6"]
-    )
-    frame: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
-        default=None,
-        description="Coordinate system or part of the file whose frame is con. Default the file's own frame.",
-        examples=["CONNECTOR"],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["carrier.step"])
+    """STEP file beside the design (relative path)."""
+    pin_class: Annotated[str, Field(min_length=2, max_length=6)] = Field(examples=["g6"])
+    """Class of ISO 286 of the pins that go into its holes."""
+    frame: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(default=None, examples=["CONNECTOR"])
+    """Coordinate system or part of the file whose frame is con. Default the file's own frame."""
 
 
 class Interface(Record):
@@ -524,41 +451,27 @@ class Interface(Record):
 
     model_config = ConfigDict(json_schema_extra=not_both("tolerances", "locators"))
 
-    label: Annotated[str, Field(max_length=200)] = Field(
-        default="", description="What the drawing calls it.", examples=["two-dowel seat"]
-    )
-    pivot_mm: Point = Field(
-        description="Point in con that the displacement is reduced at, mm: rotations turn about it.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
-    bias: Bias = Field(default_factory=Bias, description="Known, fixed displacement. Default none.")
-    tolerances: Tolerances | None = Field(
-        default=None,
-        description="Half-width and law per component. Either this, locators, features or drawing; none means it does "
-        "not vary.",
-    )
-    locators: Annotated[list[Locator], Field(min_length=6, max_length=6)] | None = Field(
-        default=None,
-        description="Six point contacts (3-2-1). Contact i deviates by delta_i along its normal n_i, and the torsor "
-        "(t, w) at the pivot p follows from n_i . (t + w x (p_i - p)) = delta_i.",
-    )
-    features: Annotated[list[Feature], Field(min_length=1, max_length=12)] | None = Field(
-        default=None,
-        description="The seat as its drawing states it: pads with flatness, pins with fits, slots, spigots, vees. "
-        "Together they hold six motions, and the torsor follows from what each allows.",
-    )
-    locator_files: Annotated[list[LocatorFile], Field(min_length=1, max_length=6)] | None = Field(
-        default=None,
-        description="The six locators, in files beside the design: a contact is called by the label of its point.",
-    )
-    drawing: SeatDrawing | None = Field(
-        default=None, description="The features, read from a STEP file beside the design. Absent: as stated here."
-    )
-    origin: FiducialOrigin | None = Field(
-        default=None,
-        description="Only with features that were read from a STEP file: which one, and what of it was read and left. "
-        "Results note it; it changes no number, nor the hash of the design.",
-    )
+    label: Annotated[str, Field(max_length=200)] = Field(default="", examples=["two-dowel seat"])
+    """What the drawing calls it."""
+    pivot_mm: Point = Field(examples=[[0.0, 0.0, -95.0]])
+    """Point in con that the displacement is reduced at, mm: rotations turn about it."""
+    bias: Bias = Field(default_factory=Bias)
+    """Known, fixed displacement. Default none."""
+    tolerances: Tolerances | None = None
+    """Half-width and law per component. Either this, locators, features or drawing; none means it does not vary."""
+    locators: Annotated[list[Locator], Field(min_length=6, max_length=6)] | None = None
+    """Six point contacts (3-2-1). Contact i deviates by delta_i along its normal n_i, and the torsor (t, w) at the
+    pivot p follows from n_i . (t + w x (p_i - p)) = delta_i."""
+    features: Annotated[list[Feature], Field(min_length=1, max_length=12)] | None = None
+    """The seat as its drawing states it: pads with flatness, pins with fits, slots, spigots, vees. Together they hold
+    six motions, and the torsor follows from what each allows."""
+    locator_files: Annotated[list[LocatorFile], Field(min_length=1, max_length=6)] | None = None
+    """The six locators, in files beside the design: a contact is called by the label of its point."""
+    drawing: SeatDrawing | None = None
+    """The features, read from a STEP file beside the design. Absent: as stated here."""
+    origin: FiducialOrigin | None = None
+    """Only with features that were read from a STEP file: which one, and what of it was read and left. Results note it;
+    it changes no number, nor the hash of the design."""
     drawn: HowOften = level_field(Drawn.UNIT, "its tolerances, locators or features")
 
     _as_before = leave_out_later(
@@ -600,45 +513,34 @@ class Interface(Record):
 class Interfaces(Record):
     """The two interfaces of the chain; one that is absent is perfect."""
 
-    structure_connector: Interface | None = Field(
-        default=None, description="Seat of the fiducial structure on the connector (T_err1). Absent: perfect."
-    )
-    connector_flange: Interface | None = Field(
-        default=None, description="Connector on the end-effector flange (T_err2). Absent: perfect."
-    )
+    structure_connector: Interface | None = None
+    """Seat of the fiducial structure on the connector (T_err1). Absent: perfect."""
+    connector_flange: Interface | None = None
+    """Connector on the end-effector flange (T_err2). Absent: perfect."""
 
 
 class PosePairs(Record):
     """Where the poses of a hand-eye calibration stand."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="CSV beside the design: of each pose flange_x_mm, flange_y_mm, flange_z_mm, flange_qw, flange_qx, "
-        "flange_qy, flange_qz (in the robot's base), and the same of tool_ (in the tracker). Not in a request, which "
-        "has their covariance.",
-        examples=["hand_eye.csv"],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["hand_eye.csv"])
+    """CSV beside the design: of each pose flange_x_mm, flange_y_mm, flange_z_mm, flange_qw, flange_qx, flange_qy,
+    flange_qz (in the robot's base), and the same of tool_ (in the tracker). Not in a request, which has their
+    covariance."""
 
 
 class HandEye(Record):
     """Error of the calibrated transform to the tool, acting in the tcp frame."""
 
-    pivot_mm: Point = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Reduction point in the tcp frame, mm. Default its origin.",
-        examples=[[0, 0, 0]],
-    )
-    bias: Annotated[Bias, KNOWN_HAND_EYE_DEG, KNOWN_HAND_EYE_MM] = Field(
-        default_factory=Bias, description="Known, fixed part. Default none."
-    )
-    tolerances: Annotated[Tolerances, HAND_EYE_DEG, HAND_EYE_MM] = Field(
-        default_factory=Tolerances, description="Half-width and law per component."
-    )
-    pose_pairs: PosePairs | None = Field(
-        default=None, description="The poses that it was calibrated by, which are read into pivot_mm and tolerances."
-    )
-    origin: FiducialOrigin | None = Field(
-        default=None, description="The file of poses that tolerances were read from. Absent: they were written here."
-    )
+    pivot_mm: Point = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])
+    """Reduction point in the tcp frame, mm. Default its origin."""
+    bias: Annotated[Bias, KNOWN_HAND_EYE_DEG, KNOWN_HAND_EYE_MM] = Field(default_factory=Bias)
+    """Known, fixed part. Default none."""
+    tolerances: Annotated[Tolerances, HAND_EYE_DEG, HAND_EYE_MM] = Field(default_factory=Tolerances)
+    """Half-width and law per component."""
+    pose_pairs: PosePairs | None = None
+    """The poses that it was calibrated by, which are read into pivot_mm and tolerances."""
+    origin: FiducialOrigin | None = None
+    """The file of poses that tolerances were read from. Absent: they were written here."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT, "pose_pairs": None})
@@ -656,15 +558,11 @@ class Repeatability(Record):
 
     model_config, _one_size = exactly_one("std_mm", "half_width_mm", neither="std_mm: 0.02")
 
-    std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(
-        default=None,
-        description="Standard deviation of a normal law, mm: one number for the three axes, or [x, y, z]. Either this "
-        "or half_width_mm.",
-        examples=[0.02],
-    )
-    half_width_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(
-        default=None, description="Half-width, mm: one number for the three axes, or [x, y, z].", examples=[0.05]
-    )
+    std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(default=None, examples=[0.02])
+    """Standard deviation of a normal law, mm: one number for the three axes, or [x, y, z]. Either this or
+    half_width_mm."""
+    half_width_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(default=None, examples=[0.05])
+    """Half-width, mm: one number for the three axes, or [x, y, z]."""
     distribution: RandomLaw | None = Field(
         default=None, description=LAW_WORDS + ". Required with half_width_mm.", examples=["normal"]
     )
@@ -740,22 +638,12 @@ def _name_entry(i: int, j: int) -> str:
 class Compliance(Record):
     """Elastic deflection of the tool under a load: d = C f, in the tcp frame."""
 
-    matrix_mm_per_n: Annotated[Rotation3, COMPLIANCE] = Field(
-        description="Compliance C, row by row: deflection in mm per newton, tcp frame. Symmetric, no eigenvalue below "
-        "zero.",
-        examples=[[[0.002, 0, 0], [0, 0.002, 0], [0, 0, 0.0005]]],
-    )
-    load_n: Annotated[Force, LOAD_N] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Nominal load in newtons, tcp frame. Its deflection is a known bias. Default none.",
-        examples=[[0.0, 0.0, -8.0]],
-    )
-    load_half_width_n: Annotated[HalfWidth | HalfWidths | None, LOAD_HALF_WIDTH_N] = Field(
-        default=None,
-        description="Half-width of the load about its nominal value, N: one number or [x, y, z]. Absent: it is "
-        "constant.",
-        examples=[2.0],
-    )
+    matrix_mm_per_n: Annotated[Rotation3, COMPLIANCE] = Field(examples=[[[0.002, 0, 0], [0, 0.002, 0], [0, 0, 0.0005]]])
+    """Compliance C, row by row: deflection in mm per newton, tcp frame. Symmetric, no eigenvalue below zero."""
+    load_n: Annotated[Force, LOAD_N] = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, -8.0]])
+    """Nominal load in newtons, tcp frame. Its deflection is a known bias. Default none."""
+    load_half_width_n: Annotated[HalfWidth | HalfWidths | None, LOAD_HALF_WIDTH_N] = Field(default=None, examples=[2.0])
+    """Half-width of the load about its nominal value, N: one number or [x, y, z]. Absent: it is constant."""
     distribution: AnyLaw | None = Field(
         default=None, description=BOUNDED_WORDS + " Required with load_half_width_n.", examples=["uniform"]
     )
@@ -773,9 +661,12 @@ class Compliance(Record):
 class Execution(Record):
     """What happens between the navigated position and the tool."""
 
-    repeatability: Repeatability | None = Field(default=None, description="Positioning scatter. Absent: none.")
-    hand_eye: HandEye | None = Field(default=None, description="Hand-eye calibration error. Absent: none.")
-    compliance: Compliance | None = Field(default=None, description="Deflection under load. Absent: rigid.")
+    repeatability: Repeatability | None = None
+    """Positioning scatter. Absent: none."""
+    hand_eye: HandEye | None = None
+    """Hand-eye calibration error. Absent: none."""
+    compliance: Compliance | None = None
+    """Deflection under load. Absent: rigid."""
     drawn: HowOften = level_field(Drawn.SHOT, "what repeatability and load add")
 
 
@@ -793,15 +684,14 @@ LossProbability = Annotated[float, Field(ge=0, lt=1), SHARE]
 class FiducialPoint(Record):
     """One fiducial."""
 
-    label: Name | None = Field(
-        default=None, description="Name; default F1, F2, ... by position in the list.", examples=["F1"]
-    )
+    label: Name | None = Field(default=None, examples=["F1"])
+    """Name; default F1, F2, ... by position in the list."""
     position_mm: Annotated[Point, AnySize("structure-size judges all of them together")] = Field(
-        description="Nominal position in con, mm.", examples=[[-40.0, 30.0, -60.0]]
+        examples=[[-40.0, 30.0, -60.0]]
     )
-    loss_probability: LossProbability | None = Field(
-        default=None, description="Of this fiducial, instead of the fiducials' loss_probability.", examples=[0.02]
-    )
+    """Nominal position in con, mm."""
+    loss_probability: LossProbability | None = Field(default=None, examples=[0.02])
+    """Of this fiducial, instead of the fiducials' loss_probability."""
 
     _as_before = leave_out_later({"loss_probability": None})
 
@@ -809,9 +699,8 @@ class FiducialPoint(Record):
 class Manufacturing(Record):
     """How far each fiducial may sit from its nominal position, per coordinate, independently."""
 
-    half_width_mm: Annotated[HalfWidth | HalfWidths, BEAD_PLACE_MM] = Field(
-        description="Half-width, mm: one number for the three axes, or [x, y, z].", examples=[0.05]
-    )
+    half_width_mm: Annotated[HalfWidth | HalfWidths, BEAD_PLACE_MM] = Field(examples=[0.05])
+    """Half-width, mm: one number for the three axes, or [x, y, z]."""
     distribution: RandomLaw = Field(description=LAW_WORDS + ".", examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
     drawn: HowOften = level_field(Drawn.UNIT)
@@ -823,8 +712,10 @@ class Manufacturing(Record):
 class NamedPoint(Record):
     """A point of a file, by name, and where it is in con."""
 
-    label: Name = Field(description="Its label in the file.", examples=["F1"])
-    position_mm: Point = Field(description="Where CAD has it, con, mm.", examples=[[-40.0, 30.0, -60.0]])
+    label: Name = Field(examples=["F1"])
+    """Its label in the file."""
+    position_mm: Point = Field(examples=[[-40.0, 30.0, -60.0]])
+    """Where CAD has it, con, mm."""
 
 
 @with_sections("fiducials", loss_probability=None, T_con_file=None, registered_to=None)
@@ -833,43 +724,29 @@ class Fiducials(Record):
 
     model_config, _one_list = exactly_one("points", "file")
 
-    points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = Field(
-        default=None,
-        description="The fiducials, at least six (four for pose and pose_with_prior). Either this or file.",
-    )
+    points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = None
+    """The fiducials, at least six (four for pose and pose_with_prior). Either this or file."""
     file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(
-        default=None,
-        description="Fiducial file beside the design (relative path): .csv with units in the header "
-        "(label,x_mm,y_mm,z_mm), 3D Slicer .mrk.json or .fcsv. RAS coordinates are converted to LPS.",
-        examples=["fiducials/demo.csv"],
+        default=None, examples=["fiducials/demo.csv"]
     )
-    T_con_file: Transform | None = Field(
-        default=None,
-        description="With file: maps its coordinates (LPS, mm) to con. 4x4 matrix (mm) or rotation and translation_mm. "
-        "Default identity.",
-    )
-    registered_to: Annotated[list[NamedPoint], Field(min_length=3, max_length=1000)] | None = Field(
-        default=None,
-        description="With file, instead of T_con_file: points of it, by label, and where they are in con, three or "
-        "more, not on one line. All of the file is carried by the motion that brings these nearest; results say what "
-        "is left between them.",
-    )
-    origin: FiducialOrigin | None = Field(
-        default=None,
-        description="Only with points that were read from a fiducial file: which one, and what was done to them. "
-        "Results note it; it changes no number, nor the hash of the design.",
-    )
-    manufacturing: Manufacturing | None = Field(
-        default=None, description="Manufacturing tolerance of the fiducials' positions. Absent: perfect."
-    )
+    """Fiducial file beside the design (relative path): .csv with units in the header (label,x_mm,y_mm,z_mm), 3D Slicer
+    .mrk.json or .fcsv. RAS coordinates are converted to LPS."""
+    T_con_file: Transform | None = None
+    """With file: maps its coordinates (LPS, mm) to con. 4x4 matrix (mm) or rotation and translation_mm. Default
+    identity."""
+    registered_to: Annotated[list[NamedPoint], Field(min_length=3, max_length=1000)] | None = None
+    """With file, instead of T_con_file: points of it, by label, and where they are in con, three or more, not on one
+    line. All of the file is carried by the motion that brings these nearest; results say what is left between them."""
+    origin: FiducialOrigin | None = None
+    """Only with points that were read from a fiducial file: which one, and what was done to them. Results note it; it
+    changes no number, nor the hash of the design."""
+    manufacturing: Manufacturing | None = None
+    """Manufacturing tolerance of the fiducials' positions. Absent: perfect."""
     diameter_mm: Length | None = None  # whole in effects/ball_images.py; here for its place among the others
-    loss_probability: LossProbability | None = Field(
-        default=None,
-        description="Probability that a fiducial is missed in a shot, in all its views, independently of the others: "
-        "0.01 is one shot in a hundred. The score adds the quantile over shots with and without losses; simulations "
-        "draw them. Absent or 0: none is missed.",
-        examples=[0.01],
-    )
+    loss_probability: LossProbability | None = Field(default=None, examples=[0.01])
+    """Probability that a fiducial is missed in a shot, in all its views, independently of the others: 0.01 is one shot
+    in a hundred. The score adds the quantile over shots with and without losses; simulations draw them. Absent or 0:
+    none is missed."""
 
     @model_validator(mode="after")
     def _origin_of_points(self) -> Fiducials:
@@ -888,33 +765,30 @@ class Fiducials(Record):
 class Transforms(Record):
     """From the connector to the tool; each is rigid and the identity when absent."""
 
-    T_flange_con: Transform | None = Field(
-        default=None,
-        description="Maps con coordinates to the flange frame. 4x4 matrix (mm) or rotation and translation_mm.",
-    )
-    T_tcp_flange: Transform | None = Field(
-        default=None,
-        description="Maps flange coordinates to the tcp frame. 4x4 matrix (mm) or rotation and translation_mm.",
-    )
+    T_flange_con: Transform | None = None
+    """Maps con coordinates to the flange frame. 4x4 matrix (mm) or rotation and translation_mm."""
+    T_tcp_flange: Transform | None = None
+    """Maps flange coordinates to the tcp frame. 4x4 matrix (mm) or rotation and translation_mm."""
 
 
 class Box(Record):
     """A grid of targets in an axis-parallel box."""
 
-    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
-    size_mm: _Sides = Field(description="Full edge lengths along x, y, z, mm.", examples=[[30.0, 20.0, 10.0]])
-    points_per_axis: _Count | _Counts = Field(
-        default=2,
-        description="Grid points along each axis, ends included; 1 is the centre. Default 2: the corners.",
-        examples=[2],
-    )
+    centre_mm: Annotated[Point, TARGET_MM] = Field(examples=[[0.0, 0.0, 60.0]])
+    """Centre in con, mm."""
+    size_mm: _Sides = Field(examples=[[30.0, 20.0, 10.0]])
+    """Full edge lengths along x, y, z, mm."""
+    points_per_axis: _Count | _Counts = Field(default=2, examples=[2])
+    """Grid points along each axis, ends included; 1 is the centre. Default 2: the corners."""
 
 
 class Sphere(Record):
     """A ball sampled by its centre, its 6 axis points and 8 diagonal points."""
 
-    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
-    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Radius, mm.", examples=[10.0])
+    centre_mm: Annotated[Point, TARGET_MM] = Field(examples=[[0.0, 0.0, 60.0]])
+    """Centre in con, mm."""
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(examples=[10.0])
+    """Radius, mm."""
 
 
 class Region(Record):
@@ -922,8 +796,10 @@ class Region(Record):
 
     model_config, _one_shape = exactly_one("box", "sphere", "a region is")
 
-    box: Box | None = Field(default=None, description="Axis-parallel box.")
-    sphere: Sphere | None = Field(default=None, description="Ball.")
+    box: Box | None = None
+    """Axis-parallel box."""
+    sphere: Sphere | None = None
+    """Ball."""
 
 
 class TargetDocument(Record):
@@ -931,55 +807,34 @@ class TargetDocument(Record):
 
     model_config, _one_place = exactly_one("position_mm", "region", "a target has")
 
-    name: Name = Field(description="Name, unique.", examples=["tip"])
-    position_mm: Annotated[Point | None, TARGET_MM] = Field(
-        default=None, description="Position in con, mm. Either this or region.", examples=[[0.0, 0.0, 70.0]]
-    )
-    region: Region | None = Field(default=None, description="Target region in con.")
-    direction: Direction | None = Field(
-        default=None,
-        description="Direction in which an instrument comes to the point, in con; any length. The errors lateral and "
-        "axial are across and along it.",
-        examples=[[0.0, 0.0, -1.0]],
-    )
-    entry: Name | None = Field(
-        default=None,
-        description="Name of the target through which an instrument comes to this one, in place of direction: the two "
-        "are a straight trajectory, and the error angle is between it as planned and as executed. Both ends share the "
-        "resection of the views, the seats, repeatability and load; the noise of their images is drawn for each.",
-        examples=["entry"],
-    )
-    ends: Literal["one_shot", "two_shots"] = Field(
-        default="one_shot",
-        description="With entry. one_shot: both ends are of the same images and of one pose of the tool. two_shots: "
-        "each has images and a pose of its own, and all that is drawn at each shot is drawn for each. Default "
-        "one_shot.",
-        examples=["one_shot"],
-    )
-    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None,
-        description="With entry: radius about the planned trajectory within which the axis of the instrument has to "
-        "stay, that of the channel less that of the instrument, mm. It is counted how often an end of the executed "
-        "axis is beyond it, and by more than 2, 4 and 6 mm.",
-        examples=[1.5],
-    )
-    corridor_entry_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None,
-        description="Of a cone: the same radius where the instrument enters, mm. Default corridor_mm, a cylinder.",
-        examples=[3.0],
-    )
-    corridor_major_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None,
-        description="Of an elliptic channel: its larger half-axis, mm; corridor_mm is the smaller one. Beyond it by so "
-        "much is outside of half-axes that are both longer by that.",
-        examples=[3.0],
-    )
-    corridor_major_direction: Direction | None = Field(
-        default=None,
-        description="Required beside corridor_major_mm: in which direction the larger half-axis lies, in con; what of "
-        "it is along the trajectory does not count.",
-        examples=[[0.0, 0.0, 1.0]],
-    )
+    name: Name = Field(examples=["tip"])
+    """Name, unique."""
+    position_mm: Annotated[Point | None, TARGET_MM] = Field(default=None, examples=[[0.0, 0.0, 70.0]])
+    """Position in con, mm. Either this or region."""
+    region: Region | None = None
+    """Target region in con."""
+    direction: Direction | None = Field(default=None, examples=[[0.0, 0.0, -1.0]])
+    """Direction in which an instrument comes to the point, in con; any length. The errors lateral and axial are across
+    and along it."""
+    entry: Name | None = Field(default=None, examples=["entry"])
+    """Name of the target through which an instrument comes to this one, in place of direction: the two are a straight
+    trajectory, and the error angle is between it as planned and as executed. Both ends share the resection of the
+    views, the seats, repeatability and load; the noise of their images is drawn for each."""
+    ends: Literal["one_shot", "two_shots"] = Field(default="one_shot", examples=["one_shot"])
+    """With entry. one_shot: both ends are of the same images and of one pose of the tool. two_shots: each has images
+    and a pose of its own, and all that is drawn at each shot is drawn for each. Default one_shot."""
+    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[1.5])
+    """With entry: radius about the planned trajectory within which the axis of the instrument has to stay, that of the
+    channel less that of the instrument, mm. It is counted how often an end of the executed axis is beyond it, and by
+    more than 2, 4 and 6 mm."""
+    corridor_entry_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[3.0])
+    """Of a cone: the same radius where the instrument enters, mm. Default corridor_mm, a cylinder."""
+    corridor_major_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[3.0])
+    """Of an elliptic channel: its larger half-axis, mm; corridor_mm is the smaller one. Beyond it by so much is outside
+    of half-axes that are both longer by that."""
+    corridor_major_direction: Direction | None = Field(default=None, examples=[[0.0, 0.0, 1.0]])
+    """Required beside corridor_major_mm: in which direction the larger half-axis lies, in con; what of it is along the
+    trajectory does not count."""
 
     @model_validator(mode="after")
     def _corridor(self) -> TargetDocument:
@@ -1018,21 +873,14 @@ class TargetDocument(Record):
 class TargetFile(PointFile):
     """Targets in a file beside the design."""
 
-    line: Name | None = Field(
-        default=None,
-        description="The file is a line of that name: its last point is a target called so, its first one the target "
-        "through which an instrument comes there, called NAME entry.",
-        examples=["L4 left"],
-    )
-    pairs: bool = Field(
-        default=False,
-        description="true: its points go two by two, the one through which an instrument comes and the one where it "
-        "ends, each a target called by its label. Default false: each point is a target by itself.",
-        examples=[True],
-    )
-    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None, description="With line or pairs: corridor_mm of its trajectories. Absent: none.", examples=[1.5]
-    )
+    line: Name | None = Field(default=None, examples=["L4 left"])
+    """The file is a line of that name: its last point is a target called so, its first one the target through which an
+    instrument comes there, called NAME entry."""
+    pairs: bool = Field(default=False, examples=[True])
+    """true: its points go two by two, the one through which an instrument comes and the one where it ends, each a
+    target called by its label. Default false: each point is a target by itself."""
+    corridor_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[1.5])
+    """With line or pairs: corridor_mm of its trajectories. Absent: none."""
 
     @model_validator(mode="after")
     def _trajectories(self) -> TargetFile:
@@ -1046,15 +894,12 @@ class TargetFile(PointFile):
 class RigidBody(Record):
     """A rigid body that is known by targets: an implant or a bone by its markers."""
 
-    name: Name = Field(description="Name, unique among targets and bodies.", examples=["implant"])
-    targets: Annotated[list[Name], Field(min_length=3)] = Field(
-        description="Names of three targets or more with position_mm, not on one line.", examples=[["m1", "m2", "m3"]]
-    )
-    against: Name | None = Field(
-        default=None,
-        description="Name of another body: errors are those of the motion against it. Absent: against the frame tcp.",
-        examples=["bone"],
-    )
+    name: Name = Field(examples=["implant"])
+    """Name, unique among targets and bodies."""
+    targets: Annotated[list[Name], Field(min_length=3)] = Field(examples=[["m1", "m2", "m3"]])
+    """Names of three targets or more with position_mm, not on one line."""
+    against: Name | None = Field(default=None, examples=["bone"])
+    """Name of another body: errors are those of the motion against it. Absent: against the frame tcp."""
 
 
 RequirementId = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:/#+-]*$")]
@@ -1066,73 +911,47 @@ class RequirementDocument(Record):
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": [name]} for name in dict.fromkeys(m.limit_field for m in STATED)]}
     )
-    name: Name = Field(description="Name, unique.", examples=["tip-accuracy"])
+    name: Name = Field(examples=["tip-accuracy"])
+    """Name, unique."""
     error: StatedName = Field(
         default="tcp",
         description=" ".join(f"{measure.name}: {measure.meaning}." for measure in STATED),
         examples=["tcp"],
         json_schema_extra={"x-limited-by": {measure.name: measure.limit_field for measure in STATED}},
     )
-    side: Literal["above", "below"] | None = Field(
-        default=None,
-        description="Of axial, x, y, z and localisation_x, y, z: what counts. above: above zero (of axial, too deep); "
-        "below: below zero; a known part counts with its sign. Default both.",
-        examples=["above"],
-    )
+    side: Literal["above", "below"] | None = Field(default=None, examples=["above"])
+    """Of axial, x, y, z and localisation_x, y, z: what counts. above: above zero (of axial, too deep); below: below
+    zero; a known part counts with its sign. Default both."""
     statistic: StatisticName = Field(
         default="quantile",
         description="What is limited. " + " ".join(f"{row.name}: {row.meaning}." for row in STATISTICS),
         examples=["quantile"],
     )
-    quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
-        default=0.95,
-        description="Quantile of the error's norm that is limited; of cvar, where the tail begins. Default 0.95.",
-        examples=[0.95],
-    )
-    limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None,
-        description="The statistic must not exceed this, mm; of probability, the error beyond which shots are counted.",
-        examples=[2.0],
-    )
-    limit_deg: Annotated[float, Field(ge=1e-6, le=180), LIMIT_DEG] | None = Field(
-        default=None, description="The same of an angle, deg, in place of limit_mm.", examples=[2.0]
-    )
-    limit_probability: Annotated[float, Field(ge=0.0001, le=0.5), LEVEL] | None = Field(
-        default=None,
-        description="probability only, required there: probability of an error beyond the limit that is allowed.",
-        examples=[0.01],
-    )
+    quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(default=0.95, examples=[0.95])
+    """Quantile of the error's norm that is limited; of cvar, where the tail begins. Default 0.95."""
+    limit_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[2.0])
+    """The statistic must not exceed this, mm; of probability, the error beyond which shots are counted."""
+    limit_deg: Annotated[float, Field(ge=1e-6, le=180), LIMIT_DEG] | None = Field(default=None, examples=[2.0])
+    """The same of an angle, deg, in place of limit_mm."""
+    limit_probability: Annotated[float, Field(ge=0.0001, le=0.5), LEVEL] | None = Field(default=None, examples=[0.01])
+    """probability only, required there: probability of an error beyond the limit that is allowed."""
     n: Annotated[int, Field(ge=2, le=5000), AnySize("as many shots as somebody counts")] | None = Field(
-        default=None, description="max_of_n only, required there: number of independent shots.", examples=[20]
+        default=None, examples=[20]
     )
-    ids: Annotated[list[RequirementId], Field(max_length=20)] = Field(
-        default=[],
-        description="What it is called in a system of requirements, each once; every result, report and gate repeats "
-        "it. Letters, digits and . _ : / # + -, without blanks. No number depends on it. Default none.",
-        examples=[["SRS-014"]],
-    )
-    confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
-        default=0.95,
-        description="Confidence of the interval the Monte Carlo verdict is taken from. Default 0.95.",
-        examples=[0.95],
-    )
-    targets: Literal["all"] | Annotated[list[Name], Field(min_length=1)] = Field(
-        default="all",
-        description="all, or a list of names of targets, regions and bodies. Default all.",
-        examples=["all"],
-    )
-    risk: RiskName = Field(
-        default="pooled",
-        description="pooled: over installed units and shots together. per_unit: each unit on its own, over its "
-        "mountings and shots; per_mounting: each mounting on its own, over its shots; see min_yield.",
-        examples=["pooled"],
-    )
-    min_yield: Annotated[float, Field(gt=0, lt=1), YIELD] | None = Field(
-        default=None,
-        description="Required unless the risk is pooled: fraction of installed units, or of mountings, whose own "
-        "quantile meets the limit.",
-        examples=[0.95],
-    )
+    """max_of_n only, required there: number of independent shots."""
+    ids: Annotated[list[RequirementId], Field(max_length=20)] = Field(default=[], examples=[["SRS-014"]])
+    """What it is called in a system of requirements, each once; every result, report and gate repeats it. Letters,
+    digits and . _ : / # + -, without blanks. No number depends on it. Default none."""
+    confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(default=0.95, examples=[0.95])
+    """Confidence of the interval the Monte Carlo verdict is taken from. Default 0.95."""
+    targets: Literal["all"] | Annotated[list[Name], Field(min_length=1)] = Field(default="all", examples=["all"])
+    """all, or a list of names of targets, regions and bodies. Default all."""
+    risk: RiskName = Field(default="pooled", examples=["pooled"])
+    """pooled: over installed units and shots together. per_unit: each unit on its own, over its mountings and shots;
+    per_mounting: each mounting on its own, over its shots; see min_yield."""
+    min_yield: Annotated[float, Field(gt=0, lt=1), YIELD] | None = Field(default=None, examples=[0.95])
+    """Required unless the risk is pooled: fraction of installed units, or of mountings, whose own quantile meets the
+    limit."""
 
     @model_validator(mode="after")
     def _yield(self) -> RequirementDocument:
@@ -1206,30 +1025,22 @@ class RequirementDocument(Record):
 class Model(Record):
     """Choices of the model; the defaults are what a real structure does."""
 
-    installation_reading: Annotated[Reading, one_of(Reading)] = Field(
-        default=Reading.PHYSICAL,
-        description="physical: an installation error moves the structure and its images. eq18: it moves the "
-        "coordinates the estimator assumes (Eq 18 of the paper). Default physical.",
-        examples=["physical"],
-    )
-    rotation: Annotated[RotationForm, one_of(RotationForm)] = Field(
-        default=RotationForm.FULL, description="full: Rx Ry Rz. small_angle: I + [w]x. Default full.", examples=["full"]
-    )
-    estimator: Annotated[Estimator, one_of(Estimator)] = Field(
-        default=DEFAULT_ESTIMATOR,
-        description="What a view is estimated as from its fiducials. dlt: eleven unknowns by linear equations, nothing "
-        "known beforehand. reprojection: the same eleven by least squares of the images. pose: position and "
-        "orientation, the intrinsics taken for exact. pose_with_prior: focal length and principal point too, known as "
-        "well as intrinsics_prior says. Default dlt.",
-        examples=["pose"],
-    )
+    installation_reading: Annotated[Reading, one_of(Reading)] = Field(default=Reading.PHYSICAL, examples=["physical"])
+    """physical: an installation error moves the structure and its images. eq18: it moves the coordinates the estimator
+    assumes (Eq 18 of the paper). Default physical."""
+    rotation: Annotated[RotationForm, one_of(RotationForm)] = Field(default=RotationForm.FULL, examples=["full"])
+    """full: Rx Ry Rz. small_angle: I + [w]x. Default full."""
+    estimator: Annotated[Estimator, one_of(Estimator)] = Field(default=DEFAULT_ESTIMATOR, examples=["pose"])
+    """What a view is estimated as from its fiducials. dlt: eleven unknowns by linear equations, nothing known
+    beforehand. reprojection: the same eleven by least squares of the images. pose: position and orientation, the
+    intrinsics taken for exact. pose_with_prior: focal length and principal point too, known as well as intrinsics_prior
+    says. Default dlt."""
     triangulation: Annotated[Triangulation, one_of(Triangulation)] = Field(
-        default=Triangulation.NORMALISED,
-        description="normalised: linear, in the fiducials' Hartley frame. published: linear, in plain con mm. "
-        "weighted: as normalised, each view weighted by how well its noise lets it know the target. reprojection: "
-        "least squares of the target's images. Default normalised.",
-        examples=["normalised"],
+        default=Triangulation.NORMALISED, examples=["normalised"]
     )
+    """normalised: linear, in the fiducials' Hartley frame. published: linear, in plain con mm. weighted: as normalised,
+    each view weighted by how well its noise lets it know the target. reprojection: least squares of the target's
+    images. Default normalised."""
 
     _as_before = leave_out_later({"estimator": DEFAULT_ESTIMATOR})
 
@@ -1243,14 +1054,18 @@ class DocumentTitle(Record):
     No number depends on it.
     """
 
-    number: _Entry = Field(default="", description="Number of the document.", examples=["DG-1042"])
-    revision: _Entry = Field(default="", description="Its revision.", examples=["C"])
-    date: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None = Field(
-        default=None, description="Day of the revision, YYYY-MM-DD.", examples=["2026-11-28"]
-    )
-    author: _Entry = Field(default="", description="Who made it.", examples=["M. Keller"])
-    checker: _Entry = Field(default="", description="Who checked it.", examples=["A. Okafor"])
-    approver: _Entry = Field(default="", description="Who releases it.", examples=["L. Brandt"])
+    number: _Entry = Field(default="", examples=["DG-1042"])
+    """Number of the document."""
+    revision: _Entry = Field(default="", examples=["C"])
+    """Its revision."""
+    date: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None = Field(default=None, examples=["2026-11-28"])
+    """Day of the revision, YYYY-MM-DD."""
+    author: _Entry = Field(default="", examples=["M. Keller"])
+    """Who made it."""
+    checker: _Entry = Field(default="", examples=["A. Okafor"])
+    """Who checked it."""
+    approver: _Entry = Field(default="", examples=["L. Brandt"])
+    """Who releases it."""
 
     @model_validator(mode="after")
     def _is_day(self) -> DocumentTitle:
@@ -1265,32 +1080,27 @@ class DocumentTitle(Record):
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
-    schema_: Literal["tailstack/design/1"] = Field(
-        alias="schema", description="Version of this document.", examples=["tailstack/design/1"]
-    )
-    name: Name = Field(description="Name of the design.", examples=["drill-guide reference, rev C"])
+    schema_: Literal["tailstack/design/1"] = Field(alias="schema", examples=["tailstack/design/1"])
+    """Version of this document."""
+    name: Name = Field(examples=["drill-guide reference, rev C"])
+    """Name of the design."""
     description: Annotated[str, Field(max_length=4000)] = Field(
-        default="", description="Free text.", examples=["12 beads of 3 mm on a PEEK carrier"]
+        default="", examples=["12 beads of 3 mm on a PEEK carrier"]
     )
-    document: DocumentTitle | None = Field(
-        default=None,
-        description="Title block of the reports: number, revision, date, author, checker, approver. No number depends "
-        "on it. Absent: reports have empty boxes.",
-    )
-    views: Annotated[list[ViewDocument], Field(min_length=2)] = Field(description="The X-ray views, two or more.")
-    fiducials: Fiducials = Field(description="The fiducials the views are resected from.")
-    interfaces: Interfaces = Field(
-        default_factory=share(Interfaces.model_construct()),
-        description="Installation errors. Absent: both interfaces are perfect.",
-    )
-    transforms: Transforms = Field(
-        default_factory=share(Transforms.model_construct()),
-        description="From the connector to the tool. Absent: identity.",
-    )
-    execution: Execution = Field(
-        default_factory=share(Execution.model_construct()),
-        description="Errors of the robot and the tool. Absent: none.",
-    )
+    """Free text."""
+    document: DocumentTitle | None = None
+    """Title block of the reports: number, revision, date, author, checker, approver. No number depends on it. Absent:
+    reports have empty boxes."""
+    views: Annotated[list[ViewDocument], Field(min_length=2)]
+    """The X-ray views, two or more."""
+    fiducials: Fiducials
+    """The fiducials the views are resected from."""
+    interfaces: Interfaces = Field(default_factory=share(Interfaces.model_construct()))
+    """Installation errors. Absent: both interfaces are perfect."""
+    transforms: Transforms = Field(default_factory=share(Transforms.model_construct()))
+    """From the connector to the tool. Absent: identity."""
+    execution: Execution = Field(default_factory=share(Execution.model_construct()))
+    """Errors of the robot and the tool. Absent: none."""
 
 
 class DesignDocument(_Design):
@@ -1305,36 +1115,31 @@ class DesignDocument(_Design):
         }
     )
 
-    targets: list[TargetDocument] = Field(
-        description="Where the tool has to go: named points or regions, in con; one or more with target_files."
-    )
-    target_files: Annotated[list[TargetFile], Field(min_length=1, max_length=200)] | None = Field(
-        default=None, description="More targets, in files beside the design. Absent: none."
-    )
-    target_origins: list[FiducialOrigin] | None = Field(
-        default=None,
-        description="Only with targets or locators that were read from files: which, and what was done to their "
-        "points. Results note it; it changes no number, nor the hash of the design.",
-    )
-    bodies: list[RigidBody] = Field(
-        default=[], description="Rigid bodies, each a cluster of targets, of which rotation and translation are told."
-    )
-    requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
-    model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
-    optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
+    targets: list[TargetDocument]
+    """Where the tool has to go: named points or regions, in con; one or more with target_files."""
+    target_files: Annotated[list[TargetFile], Field(min_length=1, max_length=200)] | None = None
+    """More targets, in files beside the design. Absent: none."""
+    target_origins: list[FiducialOrigin] | None = None
+    """Only with targets or locators that were read from files: which, and what was done to their points. Results note
+    it; it changes no number, nor the hash of the design."""
+    bodies: list[RigidBody] = Field(default=[])
+    """Rigid bodies, each a cluster of targets, of which rotation and translation are told."""
+    requirements: list[RequirementDocument] = Field(default=[])
+    """What is promised. Default nothing."""
+    model: Model = Field(default_factory=share(Model.model_construct()))
+    """Choices of the model."""
+    optimise: Optimise | None = None
+    """Freedom of the optimiser. Absent: it refuses."""
     assumed: Annotated[list[Annotated[str, Field(max_length=400)]], Field(max_length=1000)] = Field(
-        default=[],
-        description="What nobody stated: JSON pointers into this document. One to a mapping, or to a list of mappings, "
-        "covers every number below it. A verdict says on how many assumed values it rests; who knows a value takes "
-        "its pointer off. No number depends on it. Default none.",
-        examples=[["/interfaces", "/views/0/fiducial_noise_px"]],
+        default=[], examples=[["/interfaces", "/views/0/fiducial_noise_px"]]
     )
+    """What nobody stated: JSON pointers into this document. One to a mapping, or to a list of mappings, covers every
+    number below it. A verdict says on how many assumed values it rests; who knows a value takes its pointer off. No
+    number depends on it. Default none."""
 
-    review: Review | None = Field(
-        default=None,
-        description="Earlier versions by name, and comments pinned to fiducials or lines of the budget. Reports list "
-        "them; they change no number, nor the hash of the design. Absent: none.",
-    )
+    review: Review | None = None
+    """Earlier versions by name, and comments pinned to fiducials or lines of the budget. Reports list them; they change
+    no number, nor the hash of the design. Absent: none."""
 
     @model_validator(mode="after")
     def _has_a_target(self) -> DesignDocument:

@@ -68,11 +68,12 @@ _Count = Annotated[int, Field(ge=6, le=1000), COUNT]
 class Count(Record):
     """How many fiducials the structure may have."""
 
-    min: _Count = Field(description="Fewest fiducials, fixed ones included; at least 6.", examples=[8])
-    max: _Count = Field(description="Most fiducials, fixed ones included.", examples=[16])
-    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(
-        default=0.0, description="Added to the cost for each fiducial. Default 0.", examples=[20.0]
-    )
+    min: _Count = Field(examples=[8])
+    """Fewest fiducials, fixed ones included; at least 6."""
+    max: _Count = Field(examples=[16])
+    """Most fiducials, fixed ones included."""
+    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(default=0.0, examples=[20.0])
+    """Added to the cost for each fiducial. Default 0."""
 
     @model_validator(mode="after")
     def _check_order(self) -> Count:
@@ -84,12 +85,10 @@ class Count(Record):
 class Survive(Record):
     """What holds when fiducials are lost."""
 
-    lost: Literal[1, 2] = Field(description="So many fiducials may be lost in all views, whichever.", examples=[1])
-    limit_mm: Annotated[Length, LIMIT_MM] = Field(
-        description="P95 of the error at the tool stays within this then, at every target that a requirement names, "
-        "mm.",
-        examples=[0.5],
-    )
+    lost: Literal[1, 2] = Field(examples=[1])
+    """So many fiducials may be lost in all views, whichever."""
+    limit_mm: Annotated[Length, LIMIT_MM] = Field(examples=[0.5])
+    """P95 of the error at the tool stays within this then, at every target that a requirement names, mm."""
 
 
 class Stay(Record):
@@ -97,15 +96,11 @@ class Stay(Record):
 
     model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", neither="at_most_mm: 10")
 
-    cost_per_mm: _Weight | None = Field(
-        default=None,
-        description="Price of each mm that a free fiducial is away from its place, in the unit of the cost; objective: "
-        "cost, with bounds and curves.",
-        examples=[2.0],
-    )
-    at_most_mm: Annotated[float, Field(ge=0.01, le=1e4), MOVE_MM] | None = Field(
-        default=None, description="No free fiducial moves further than that, mm. Any objective.", examples=[10.0]
-    )
+    cost_per_mm: _Weight | None = Field(default=None, examples=[2.0])
+    """Price of each mm that a free fiducial is away from its place, in the unit of the cost; objective: cost, with
+    bounds and curves."""
+    at_most_mm: Annotated[float, Field(ge=0.01, le=1e4), MOVE_MM] | None = Field(default=None, examples=[10.0])
+    """No free fiducial moves further than that, mm. Any objective."""
 
 
 _Reach = Annotated[tuple[Distance, Distance], Field(strict=False), REACH_MM]
@@ -120,21 +115,13 @@ def _check_reach(reach_mm: tuple[float, float] | None) -> None:
 class FreeView(Record):
     """A view whose beam may turn, or whose source may come nearer or go further."""
 
-    view: Name = Field(
-        description="Name of the view: one that is aimed, by a preset or by distances.", examples=["LAT"]
-    )
-    cone_deg: Annotated[float, Field(ge=0, le=90), CONE_DEG] = Field(
-        default=0.0,
-        description="How far its beam may turn about isocentre_mm from where it is, deg; the image turns with it. "
-        "Default 0.",
-        examples=[30.0],
-    )
-    source_isocentre_mm: _Reach | None = Field(
-        default=None,
-        description="Smallest and largest distance from its source to isocentre_mm, mm; that to the detector stays. "
-        "Default: as it is.",
-        examples=[[600.0, 800.0]],
-    )
+    view: Name = Field(examples=["LAT"])
+    """Name of the view: one that is aimed, by a preset or by distances."""
+    cone_deg: Annotated[float, Field(ge=0, le=90), CONE_DEG] = Field(default=0.0, examples=[30.0])
+    """How far its beam may turn about isocentre_mm from where it is, deg; the image turns with it. Default 0."""
+    source_isocentre_mm: _Reach | None = Field(default=None, examples=[[600.0, 800.0]])
+    """Smallest and largest distance from its source to isocentre_mm, mm; that to the detector stays. Default: as it is.
+    """
 
     @model_validator(mode="after")
     def _check_freedom(self) -> FreeView:
@@ -147,27 +134,18 @@ class FreeView(Record):
 class AddedView(Record):
     """A view that the design does not have: it is added where it saves more than its price."""
 
-    add: Name = Field(description="Name of the new view; no view of the design has it.", examples=["OBL"])
-    like: Name = Field(
-        description="The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction.",
-        examples=["AP"],
-    )
-    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(
-        description="What it costs, in the unit of what is minimised. It is added where it saves more than that, or "
-        "where no design keeps the limits without it.",
-        examples=[300.0],
-    )
-    cone_deg: Annotated[float, Field(gt=0, le=90), CONE_DEG] = Field(
-        default=90.0,
-        description="How far its beam may be turned from that of `like` about isocentre_mm, deg; the image turns with "
-        "it. Default 90: half of all directions, and the others are nearly the same from behind.",
-        examples=[60.0],
-    )
-    source_isocentre_mm: _Reach | None = Field(
-        default=None,
-        description="Smallest and largest distance from its source to isocentre_mm, mm. Default: that of `like`.",
-        examples=[[600.0, 800.0]],
-    )
+    add: Name = Field(examples=["OBL"])
+    """Name of the new view; no view of the design has it."""
+    like: Name = Field(examples=["AP"])
+    """The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction."""
+    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(examples=[300.0])
+    """What it costs, in the unit of what is minimised. It is added where it saves more than that, or where no design
+    keeps the limits without it."""
+    cone_deg: Annotated[float, Field(gt=0, le=90), CONE_DEG] = Field(default=90.0, examples=[60.0])
+    """How far its beam may be turned from that of `like` about isocentre_mm, deg; the image turns with it. Default 90:
+    half of all directions, and the others are nearly the same from behind."""
+    source_isocentre_mm: _Reach | None = Field(default=None, examples=[[600.0, 800.0]])
+    """Smallest and largest distance from its source to isocentre_mm, mm. Default: that of `like`."""
 
     @model_validator(mode="after")
     def _check_distances(self) -> AddedView:
@@ -192,18 +170,16 @@ class CostCurve(Record):
     """What a half-width h costs; falling with h."""
 
     curve: Literal["reciprocal", "reciprocal_square", "exponential"] = Field(
-        default="reciprocal",
-        description="reciprocal: weight / h. reciprocal_square: weight / h^2. exponential: weight exp(-h / scale). "
-        "h in radians for rotations, mm for translations and locators. Default reciprocal.",
-        examples=["reciprocal_square"],
+        default="reciprocal", examples=["reciprocal_square"]
     )
-    weight: _Weight = Field(default=1.0, description="Weight of the curve. Default 1.", examples=[1.0])
-    scale_deg: _Degrees | None = Field(
-        default=None, description="exponential, rotations: widening by this divides the cost by e.", examples=[0.1]
-    )
-    scale_mm: _Millimetres | None = Field(
-        default=None, description="exponential, translations and locators: the same in mm.", examples=[0.02]
-    )
+    """reciprocal: weight / h. reciprocal_square: weight / h^2. exponential: weight exp(-h / scale). h in radians for
+    rotations, mm for translations and locators. Default reciprocal."""
+    weight: _Weight = Field(default=1.0, examples=[1.0])
+    """Weight of the curve. Default 1."""
+    scale_deg: _Degrees | None = Field(default=None, examples=[0.1])
+    """exponential, rotations: widening by this divides the cost by e."""
+    scale_mm: _Millimetres | None = Field(default=None, examples=[0.02])
+    """exponential, translations and locators: the same in mm."""
 
     @model_validator(mode="after")
     def _scale(self) -> CostCurve:
@@ -218,30 +194,18 @@ class CostCurve(Record):
 class Grade(Record):
     """One process, or one value of a drawing, and what it costs."""
 
-    name: Name | None = Field(
-        default=None,
-        description="Name of the process grade, unique in its table. Default, of a value of a drawing, that value.",
-        examples=["ground, IT5"],
-    )
-    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] | None = Field(
-        default=None, description="Half-width it holds, degrees (rotations).", examples=[0.05]
-    )
-    half_width_mm: Annotated[HalfWidth, SEAT_MM] | None = Field(
-        default=None, description="Half-width it holds, mm (translations and locators).", examples=[0.01]
-    )
-    fit: Annotated[str, Field(max_length=20)] | None = Field(
-        default=None, description="Fit of ISO 286 of the feature of a drawing.", examples=["H7/f7"]
-    )
-    zone_mm: Annotated[float, Field(gt=0, le=10), SEAT_MM] | None = Field(
-        default=None,
-        description="Flatness, parallelism, position or profile of the feature of a drawing, mm.",
-        examples=[0.05],
-    )
-    price: Price | None = Field(
-        default=None,
-        description="What it costs. Default, of a value of a drawing, what grade_prices say.",
-        examples=[120.0],
-    )
+    name: Name | None = Field(default=None, examples=["ground, IT5"])
+    """Name of the process grade, unique in its table. Default, of a value of a drawing, that value."""
+    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] | None = Field(default=None, examples=[0.05])
+    """Half-width it holds, degrees (rotations)."""
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] | None = Field(default=None, examples=[0.01])
+    """Half-width it holds, mm (translations and locators)."""
+    fit: Annotated[str, Field(max_length=20)] | None = Field(default=None, examples=["H7/f7"])
+    """Fit of ISO 286 of the feature of a drawing."""
+    zone_mm: Annotated[float, Field(gt=0, le=10), SEAT_MM] | None = Field(default=None, examples=[0.05])
+    """Flatness, parallelism, position or profile of the feature of a drawing, mm."""
+    price: Price | None = Field(default=None, examples=[120.0])
+    """What it costs. Default, of a value of a drawing, what grade_prices say."""
 
     @property
     def drawn_value(self) -> str | float | None:
@@ -268,12 +232,14 @@ class Grade(Record):
 class RotationBounds(Record):
     """Bounds and cost of a free rotational half-width."""
 
-    min_deg: _Degrees = Field(description="Smallest half-width the shop can hold, degrees.", examples=[0.01])
-    max_deg: _Degrees = Field(description="Largest half-width worth having, degrees.", examples=[0.5])
-    cost_weight: _Weight = Field(
-        default=1.0, description="c of the cost c / half-width in radians. Default 1.", examples=[1.0]
-    )
-    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
+    min_deg: _Degrees = Field(examples=[0.01])
+    """Smallest half-width the shop can hold, degrees."""
+    max_deg: _Degrees = Field(examples=[0.5])
+    """Largest half-width worth having, degrees."""
+    cost_weight: _Weight = Field(default=1.0, examples=[1.0])
+    """c of the cost c / half-width in radians. Default 1."""
+    cost: CostCurve | None = None
+    """Another cost curve, instead of cost_weight."""
 
     @model_validator(mode="after")
     def _check_order(self) -> RotationBounds:
@@ -286,12 +252,14 @@ class RotationBounds(Record):
 class TranslationBounds(Record):
     """Bounds and cost of a free translational half-width."""
 
-    min_mm: _Millimetres = Field(description="Smallest half-width the shop can hold, mm.", examples=[0.005])
-    max_mm: _Millimetres = Field(description="Largest half-width worth having, mm.", examples=[0.2])
-    cost_weight: _Weight = Field(
-        default=1.0, description="c of the cost c / half-width in mm. Default 1.", examples=[1.0]
-    )
-    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
+    min_mm: _Millimetres = Field(examples=[0.005])
+    """Smallest half-width the shop can hold, mm."""
+    max_mm: _Millimetres = Field(examples=[0.2])
+    """Largest half-width worth having, mm."""
+    cost_weight: _Weight = Field(default=1.0, examples=[1.0])
+    """c of the cost c / half-width in mm. Default 1."""
+    cost: CostCurve | None = None
+    """Another cost curve, instead of cost_weight."""
 
     @model_validator(mode="after")
     def _check_order(self) -> TranslationBounds:
@@ -304,34 +272,28 @@ class TranslationBounds(Record):
 class FreeTolerance(Record):
     """One half-width that the optimiser may set, between bounds or from a table of grades."""
 
-    interface: InterfaceName = Field(description="Which interface.", examples=["structure_connector"])
-    component: Name = Field(
-        description="rx, ry, rz (rotations), tx, ty, tz (translations), the name of a locator, or what a feature "
-        "states, by the name of its line in the budget: face flatness, pin 1 fit.",
-        examples=["rz"],
-    )
-    also: Annotated[list[Name], Field(max_length=11)] = Field(
-        default=[],
-        description="More that features of this interface state, made alike: they get the same value, for one price.",
-        examples=[["pin 2 fit"]],
-    )
-    min_deg: _Degrees | None = Field(default=None, description="Rotation: smallest half-width.", examples=[0.01])
-    max_deg: _Degrees | None = Field(default=None, description="Rotation: largest half-width.", examples=[0.5])
-    min_mm: _Millimetres | None = Field(
-        default=None, description="Translation or locator: smallest half-width.", examples=[0.005]
-    )
-    max_mm: _Millimetres | None = Field(
-        default=None, description="Translation or locator: largest half-width.", examples=[0.2]
-    )
-    cost_weight: _Weight = Field(
-        default=1.0, description="c of the cost c / half-width (rad or mm). Default 1.", examples=[1.0]
-    )
-    cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
-    grades: Annotated[list[Grade], Field(min_length=1, max_length=40)] | None = Field(
-        default=None,
-        description="Process grades to choose from, instead of bounds and a curve; for every free tolerance, with "
-        "objective: cost only.",
-    )
+    interface: InterfaceName = Field(examples=["structure_connector"])
+    """Which interface."""
+    component: Name = Field(examples=["rz"])
+    """rx, ry, rz (rotations), tx, ty, tz (translations), the name of a locator, or what a feature states, by the name
+    of its line in the budget: face flatness, pin 1 fit."""
+    also: Annotated[list[Name], Field(max_length=11)] = Field(default=[], examples=[["pin 2 fit"]])
+    """More that features of this interface state, made alike: they get the same value, for one price."""
+    min_deg: _Degrees | None = Field(default=None, examples=[0.01])
+    """Rotation: smallest half-width."""
+    max_deg: _Degrees | None = Field(default=None, examples=[0.5])
+    """Rotation: largest half-width."""
+    min_mm: _Millimetres | None = Field(default=None, examples=[0.005])
+    """Translation or locator: smallest half-width."""
+    max_mm: _Millimetres | None = Field(default=None, examples=[0.2])
+    """Translation or locator: largest half-width."""
+    cost_weight: _Weight = Field(default=1.0, examples=[1.0])
+    """c of the cost c / half-width (rad or mm). Default 1."""
+    cost: CostCurve | None = None
+    """Another cost curve, instead of cost_weight."""
+    grades: Annotated[list[Grade], Field(min_length=1, max_length=40)] | None = None
+    """Process grades to choose from, instead of bounds and a curve; for every free tolerance, with objective: cost
+    only."""
 
     _as_before = leave_out_later({"also": []})
 
@@ -383,22 +345,21 @@ def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
 class FreePivot(Record):
     """A pivot that may move: where the seat's rotations turn about."""
 
-    interface: InterfaceName = Field(
-        description="Which interface; it declares tolerances, not locators.", examples=["connector_flange"]
-    )
-    box: SearchBox = Field(description="Where its pivot may be.")
+    interface: InterfaceName = Field(examples=["connector_flange"])
+    """Which interface; it declares tolerances, not locators."""
+    box: SearchBox
+    """Where its pivot may be."""
 
 
 class Front(Record):
     """Limits at which the least cost is found."""
 
-    points: Annotated[int, Field(ge=2, le=50), COUNT] = Field(default=9, description="Points. Default 9.", examples=[9])
-    min_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None, description="Tightest limit, mm. Default just above the smallest attainable.", examples=[0.6]
-    )
-    max_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
-        default=None, description="Loosest limit, mm. Default twice the requirement's.", examples=[2.0]
-    )
+    points: Annotated[int, Field(ge=2, le=50), COUNT] = Field(default=9, examples=[9])
+    """Points. Default 9."""
+    min_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[0.6])
+    """Tightest limit, mm. Default just above the smallest attainable."""
+    max_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(default=None, examples=[2.0])
+    """Loosest limit, mm. Default twice the requirement's."""
 
     @model_validator(mode="after")
     def _check_order(self) -> Front:
@@ -417,98 +378,68 @@ class Optimise(Record):
     """What the optimiser may change, what it must keep, and what is asked for."""
 
     requirement: Name | Annotated[list[Name], Field(min_length=1)] | None = Field(
-        default=None,
-        description="Name, or names, of the requirements whose limits must hold. Default all of them. "
-        "The others are judged on the new design all the same.",
-        examples=["tip-accuracy"],
+        default=None, examples=["tip-accuracy"]
     )
-    objective: Literal["cost", "quantile", "scaling", "pareto"] | None = Field(
-        default=None,
-        description="cost: least cost within the limit. quantile: least quantile (P95) within cost_limit. scaling: "
-        "one factor on all free half-widths, as large as the limit allows. pareto: least cost at a row of limits. "
-        "Default cost, or quantile when no tolerance is free.",
-        examples=["cost"],
-    )
-    cost_limit: Annotated[float, Field(gt=0, le=1e12), MONEY] | None = Field(
-        default=None, description="objective: quantile with free tolerances only; what may be spent.", examples=[2000]
-    )
-    front: Front | None = Field(default=None, description="objective: pareto only; which limits. Default nine.")
-    box: SearchBox | None = Field(
-        default=None, description="Where the fiducials may go, as a box. Short for region: { box }."
-    )
-    region: SearchRegion | None = Field(
-        default=None, description="Where the fiducials may go: box, cylinder, ball or near a surface."
-    )
-    regions: Annotated[list[FiducialRegion], Field(min_length=1)] | None = Field(
-        default=None, description="A region for each group of fiducials; those in no group stay."
-    )
-    keep_out: list[KeepOutZone] = Field(default=[], description="Zones no moved fiducial may be in. Default none.")
-    symmetry: Symmetry | None = Field(default=None, description="Symmetry of the free fiducials. Default none.")
-    fixed: list[Name] = Field(default=[], description="Labels of fiducials that stay. Default none.", examples=[["F1"]])
-    count: Count | None = Field(
-        default=None, description="How many fiducials may be used. Absent: as many as there are."
-    )
-    stay: Stay | None = Field(
-        default=None,
-        description="A price of moving fiducials, or a bound of it; new ones may be anywhere. Default neither.",
-    )
-    fewest_moves: bool = Field(
-        default=False,
-        description="Whether the answer says what each move buys alone and which few keep most of it: up to three more "
-        "optima for each fiducial. Default false.",
-    )
-    survive: Survive | None = Field(
-        default=None,
-        description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
-    )
-    views: Annotated[list[_FreeViewEntry], Field(min_length=1, max_length=4)] | None = Field(
-        default=None,
-        description="Views that may be aimed otherwise, beside what else is free: the best of a few directions that "
-        "are tried. One entry may add a view at a price. Default none.",
-    )
-    min_spacing_mm: Annotated[_Spacing, SPACING_MM] = Field(
-        default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
-    )
-    min_projected_spacing_px: _Spacing = Field(
-        default=25.0,
-        description="Smallest distance between two fiducials' images in any view, px. Default 25.",
-        examples=[25.0],
-    )
-    image_margin_px: _Spacing = Field(
-        default=20.0,
-        description="Images of fiducials keep this distance from the image border, px. Default 20.",
-        examples=[20.0],
-    )
-    target_clearance_px: _Spacing = Field(
-        default=0.0,
-        description="Smallest distance between the image of a fiducial and that of a target, px. Default 0.",
-        examples=[25.0],
-    )
-    rotation_bounds: RotationBounds | None = Field(
-        default=None,
-        description="Frees every rotational tolerance that the two interfaces declare, with these bounds, except "
-        "those listed in tolerances.",
-    )
-    translation_bounds: TranslationBounds | None = Field(
-        default=None,
-        description="Frees every translational tolerance that the two interfaces declare, likewise.",
-    )
-    tolerances: list[FreeTolerance] = Field(default=[], description="Tolerances that are free, one by one.")
+    """Name, or names, of the requirements whose limits must hold. Default all of them. The others are judged on the new
+    design all the same."""
+    objective: Literal["cost", "quantile", "scaling", "pareto"] | None = Field(default=None, examples=["cost"])
+    """cost: least cost within the limit. quantile: least quantile (P95) within cost_limit. scaling: one factor on all
+    free half-widths, as large as the limit allows. pareto: least cost at a row of limits. Default cost, or quantile
+    when no tolerance is free."""
+    cost_limit: Annotated[float, Field(gt=0, le=1e12), MONEY] | None = Field(default=None, examples=[2000])
+    """objective: quantile with free tolerances only; what may be spent."""
+    front: Front | None = None
+    """objective: pareto only; which limits. Default nine."""
+    box: SearchBox | None = None
+    """Where the fiducials may go, as a box. Short for region: { box }."""
+    region: SearchRegion | None = None
+    """Where the fiducials may go: box, cylinder, ball or near a surface."""
+    regions: Annotated[list[FiducialRegion], Field(min_length=1)] | None = None
+    """A region for each group of fiducials; those in no group stay."""
+    keep_out: list[KeepOutZone] = Field(default=[])
+    """Zones no moved fiducial may be in. Default none."""
+    symmetry: Symmetry | None = None
+    """Symmetry of the free fiducials. Default none."""
+    fixed: list[Name] = Field(default=[], examples=[["F1"]])
+    """Labels of fiducials that stay. Default none."""
+    count: Count | None = None
+    """How many fiducials may be used. Absent: as many as there are."""
+    stay: Stay | None = None
+    """A price of moving fiducials, or a bound of it; new ones may be anywhere. Default neither."""
+    fewest_moves: bool = False
+    """Whether the answer says what each move buys alone and which few keep most of it: up to three more optima for each
+    fiducial. Default false."""
+    survive: Survive | None = None
+    """What must hold when fiducials are lost, beside the limits with all of them. Default nothing."""
+    views: Annotated[list[_FreeViewEntry], Field(min_length=1, max_length=4)] | None = None
+    """Views that may be aimed otherwise, beside what else is free: the best of a few directions that are tried. One
+    entry may add a view at a price. Default none."""
+    min_spacing_mm: Annotated[_Spacing, SPACING_MM] = Field(default=10.0, examples=[12.0])
+    """Smallest distance between two fiducials, mm. Default 10."""
+    min_projected_spacing_px: _Spacing = Field(default=25.0, examples=[25.0])
+    """Smallest distance between two fiducials' images in any view, px. Default 25."""
+    image_margin_px: _Spacing = Field(default=20.0, examples=[20.0])
+    """Images of fiducials keep this distance from the image border, px. Default 20."""
+    target_clearance_px: _Spacing = Field(default=0.0, examples=[25.0])
+    """Smallest distance between the image of a fiducial and that of a target, px. Default 0."""
+    rotation_bounds: RotationBounds | None = None
+    """Frees every rotational tolerance that the two interfaces declare, with these bounds, except those listed in
+    tolerances."""
+    translation_bounds: TranslationBounds | None = None
+    """Frees every translational tolerance that the two interfaces declare, likewise."""
+    tolerances: list[FreeTolerance] = Field(default=[])
+    """Tolerances that are free, one by one."""
     grade_prices: Annotated[dict[ToleranceGrade, Price], Field(min_length=1)] | None = Field(
-        default=None,
-        description="What the standard tolerance grades of ISO 286 cost, for grades of a drawing without a price: a "
-        "fit costs those of its hole and its pin, a zone the coarsest that is as narrow on the size of its feature.",
-        examples=[{"IT6": 60, "IT7": 35, "IT8": 20}],
+        default=None, examples=[{"IT6": 60, "IT7": 35, "IT8": 20}]
     )
-    pivots: Annotated[list[FreePivot], Field(max_length=2)] = Field(
-        default=[], description="Pivots that may move. Default none."
-    )
-    starts: Annotated[int, Field(ge=1, le=256), COUNT] = Field(
-        default=8, description="Number of starting layouts. Default 8.", examples=[8]
-    )
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1), AnySize("any number is a seed")] = Field(
-        default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
-    )
+    """What the standard tolerance grades of ISO 286 cost, for grades of a drawing without a price: a fit costs those of
+    its hole and its pin, a zone the coarsest that is as narrow on the size of its feature."""
+    pivots: Annotated[list[FreePivot], Field(max_length=2)] = Field(default=[])
+    """Pivots that may move. Default none."""
+    starts: Annotated[int, Field(ge=1, le=256), COUNT] = Field(default=8, examples=[8])
+    """Number of starting layouts. Default 8."""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1), AnySize("any number is a seed")] = Field(default=1, examples=[1])
+    """Seed of the starts and of the check. Default 1."""
 
     _as_before = leave_out_later({"fewest_moves": False, "grade_prices": None})
 
@@ -616,8 +547,10 @@ class Optimise(Record):
 class SearchBox(Record):
     """Axis-parallel box in con."""
 
-    min_mm: Annotated[Point, TARGET_MM] = Field(description="Lowest corner, con, mm.", examples=[[-50.0, -50.0, -90.0]])
-    max_mm: Annotated[Point, TARGET_MM] = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
+    min_mm: Annotated[Point, TARGET_MM] = Field(examples=[[-50.0, -50.0, -90.0]])
+    """Lowest corner, con, mm."""
+    max_mm: Annotated[Point, TARGET_MM] = Field(examples=[[50.0, 50.0, 10.0]])
+    """Highest corner, con, mm."""
 
     @model_validator(mode="after")
     def _check_order(self) -> SearchBox:
@@ -630,34 +563,27 @@ class SearchBox(Record):
 class Sector(Record):
     """The part of a cylinder or tube within an angle about its axis."""
 
-    towards: Direction = Field(
-        description="Where its middle looks from the axis, con; any length, what it has along the axis is left out.",
-        examples=[[1.0, 0.0, 0.0]],
-    )
-    width_deg: Annotated[float, Field(gt=0, lt=360), WIDTH_DEG] = Field(
-        description="Its whole angle about the axis, deg; above 180 for a tube alone.", examples=[120.0]
-    )
+    towards: Direction = Field(examples=[[1.0, 0.0, 0.0]])
+    """Where its middle looks from the axis, con; any length, what it has along the axis is left out."""
+    width_deg: Annotated[float, Field(gt=0, lt=360), WIDTH_DEG] = Field(examples=[120.0])
+    """Its whole angle about the axis, deg; above 180 for a tube alone."""
 
 
 class SearchCylinder(Record):
     """Cylinder in con, or the tube between two radii, or a sector of either."""
 
-    base_mm: Annotated[Point, TARGET_MM] = Field(
-        description="Centre of the base, con, mm.", examples=[[0.0, 0.0, -90.0]]
-    )
-    axis: Direction = Field(
-        default=(0.0, 0.0, 1.0), description="Direction from base to top; any length. Default z.", examples=[[0, 0, 1]]
-    )
-    height_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
-        description="Height along the axis, mm.", examples=[100.0]
-    )
-    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Outer radius, mm.", examples=[50.0])
-    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
-        default=0.0,
-        description="Inner radius of a tube, mm; equal to radius_mm: on the surface. Default 0.",
-        examples=[40.0],
-    )
-    sector: Sector | None = Field(default=None, description="The part within an angle. Default all round.")
+    base_mm: Annotated[Point, TARGET_MM] = Field(examples=[[0.0, 0.0, -90.0]])
+    """Centre of the base, con, mm."""
+    axis: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
+    """Direction from base to top; any length. Default z."""
+    height_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(examples=[100.0])
+    """Height along the axis, mm."""
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(examples=[50.0])
+    """Outer radius, mm."""
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(default=0.0, examples=[40.0])
+    """Inner radius of a tube, mm; equal to radius_mm: on the surface. Default 0."""
+    sector: Sector | None = None
+    """The part within an angle. Default all round."""
 
     @model_validator(mode="after")
     def _shape(self) -> SearchCylinder:
@@ -681,13 +607,12 @@ class SearchCylinder(Record):
 class SearchBall(Record):
     """Ball in con, or the shell between two radii."""
 
-    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre, con, mm.", examples=[[0.0, 0.0, -40.0]])
-    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Outer radius, mm.", examples=[60.0])
-    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
-        default=0.0,
-        description="Inner radius of a shell, mm; equal to radius_mm: on the surface. Default 0.",
-        examples=[50.0],
-    )
+    centre_mm: Annotated[Point, TARGET_MM] = Field(examples=[[0.0, 0.0, -40.0]])
+    """Centre, con, mm."""
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(examples=[60.0])
+    """Outer radius, mm."""
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(default=0.0, examples=[50.0])
+    """Inner radius of a shell, mm; equal to radius_mm: on the surface. Default 0."""
 
     @model_validator(mode="after")
     def _shape(self) -> SearchBall:
@@ -704,37 +629,24 @@ def _check_radii(inner: float, outer: float) -> None:
 class SearchSurface(Record):
     """What is near a surface of triangles, an STL file."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(
-        default=None,
-        description="STL file beside the design (relative path), binary or text, at most 20,000 triangles; with "
-        "content, what that was called.",
-        examples=["forearm.stl"],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(default=None, examples=["forearm.stl"])
+    """STL file beside the design (relative path), binary or text, at most 20,000 triangles; with content, what that was
+    called."""
     content: Annotated[str, Field(min_length=1, max_length=1_000_000)] | None = Field(
-        default=None,
-        description="The bytes of that file, or of it after gzip, in base64, where no file can be read: in a request. "
-        "Default: it is read.",
-        examples=["c29saWQgcGFydAplbmRzb2xpZCBwYXJ0Cg=="],
+        default=None, examples=["c29saWQgcGFydAplbmRzb2xpZCBwYXJ0Cg=="]
     )
-    unit: Literal["um", "mm", "cm", "m", "in"] = Field(
-        default="mm", description="What its numbers are in; STL does not say. Default mm.", examples=["mm"]
-    )
-    T_con_file: Transform | None = Field(
-        default=None, description="Maps its coordinates (mm) to con. Default identity."
-    )
-    distance_mm: Annotated[float, Field(ge=0.1, le=1e4), SPACING_MM] = Field(
-        description="No centre of a fiducial is further from the surface, mm.", examples=[3.0]
-    )
-    at_least_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(
-        default=0.0,
-        description="None is nearer to it, mm; equal to distance_mm: at that distance. Default 0.",
-        examples=[1.5],
-    )
-    side: Literal["both", "inside", "outside"] = Field(
-        default="both",
-        description="On which side: inside and outside need a closed surface. Default both.",
-        examples=["inside"],
-    )
+    """The bytes of that file, or of it after gzip, in base64, where no file can be read: in a request. Default: it is
+    read."""
+    unit: Literal["um", "mm", "cm", "m", "in"] = Field(default="mm", examples=["mm"])
+    """What its numbers are in; STL does not say. Default mm."""
+    T_con_file: Transform | None = None
+    """Maps its coordinates (mm) to con. Default identity."""
+    distance_mm: Annotated[float, Field(ge=0.1, le=1e4), SPACING_MM] = Field(examples=[3.0])
+    """No centre of a fiducial is further from the surface, mm."""
+    at_least_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(default=0.0, examples=[1.5])
+    """None is nearer to it, mm; equal to distance_mm: at that distance. Default 0."""
+    side: Literal["both", "inside", "outside"] = Field(default="both", examples=["inside"])
+    """On which side: inside and outside need a closed surface. Default both."""
 
     @model_validator(mode="after")
     def _distances(self) -> SearchSurface:
@@ -763,9 +675,12 @@ class Shaped(Record):
 
     model_config = _one_of(_SHAPES)
 
-    box: SearchBox | None = Field(default=None, description="Axis-parallel box.")
-    cylinder: SearchCylinder | None = Field(default=None, description="Cylinder or tube.")
-    ball: SearchBall | None = Field(default=None, description="Ball or shell.")
+    box: SearchBox | None = None
+    """Axis-parallel box."""
+    cylinder: SearchCylinder | None = None
+    """Cylinder or tube."""
+    ball: SearchBall | None = None
+    """Ball or shell."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
@@ -788,7 +703,8 @@ class SearchRegion(Shaped):
 
     model_config = _one_of(_AREAS)
 
-    surface: SearchSurface | None = Field(default=None, description="Near a surface of triangles.")
+    surface: SearchSurface | None = None
+    """Near a surface of triangles."""
 
     @property
     def shape(self) -> SearchShape:
@@ -798,18 +714,17 @@ class SearchRegion(Shaped):
 class FiducialRegion(SearchRegion):
     """Where some fiducials may go, when they do not all share one region."""
 
-    fiducials: Annotated[list[Name], Field(min_length=1)] = Field(
-        description="Labels of the fiducials this region holds for.", examples=[["F1", "F2"]]
-    )
+    fiducials: Annotated[list[Name], Field(min_length=1)] = Field(examples=[["F1", "F2"]])
+    """Labels of the fiducials this region holds for."""
 
 
 class KeepOutZone(Shaped):
     """Where no moved fiducial may be; all round, without a sector."""
 
-    name: Name = Field(description="What is there: it is named when it binds.", examples=["clamp"])
-    clearance_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(
-        default=0.0, description="Distance fiducial centres keep from the zone, mm. Default 0.", examples=[3.0]
-    )
+    name: Name = Field(examples=["clamp"])
+    """What is there: it is named when it binds."""
+    clearance_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(default=0.0, examples=[3.0])
+    """Distance fiducial centres keep from the zone, mm. Default 0."""
 
     @model_validator(mode="after")
     def _all_round(self) -> KeepOutZone:
@@ -822,24 +737,21 @@ class KeepOutZone(Shaped):
 class Mirror(Record):
     """Reflection in a plane."""
 
-    point_mm: Point = Field(
-        default=(0.0, 0.0, 0.0), description="A point of the plane, con, mm. Default origin.", examples=[[0, 0, 0]]
-    )
-    normal: Direction = Field(description="Normal of the plane, con; any length.", examples=[[1, 0, 0]])
+    point_mm: Point = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])
+    """A point of the plane, con, mm. Default origin."""
+    normal: Direction = Field(examples=[[1, 0, 0]])
+    """Normal of the plane, con; any length."""
 
 
 class Turn(Record):
     """Rotation by a fraction of a full turn."""
 
-    point_mm: Point = Field(
-        default=(0.0, 0.0, 0.0), description="A point of the axis, con, mm. Default origin.", examples=[[0, 0, 0]]
-    )
-    axis: Direction = Field(
-        default=(0.0, 0.0, 1.0), description="Direction of the axis, con. Default z.", examples=[[0, 0, 1]]
-    )
-    order: Annotated[int, Field(ge=2, le=24), COUNT] = Field(
-        description="Copies per turn: 3 repeats the pattern every 120 degrees.", examples=[3]
-    )
+    point_mm: Point = Field(default=(0.0, 0.0, 0.0), examples=[[0, 0, 0]])
+    """A point of the axis, con, mm. Default origin."""
+    axis: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
+    """Direction of the axis, con. Default z."""
+    order: Annotated[int, Field(ge=2, le=24), COUNT] = Field(examples=[3])
+    """Copies per turn: 3 repeats the pattern every 120 degrees."""
 
 
 def surfaces_in(section: Optimise | None) -> dict[str, SearchSurface]:
@@ -865,8 +777,10 @@ def put_surface(section: Optimise | None, pointer: str, surface: SearchSurface) 
 class Symmetry(Record):
     """Free fiducials come in groups, in the order of the document, that map onto each other."""
 
-    mirror: Mirror | None = Field(default=None, description="Pairs mirrored in a plane.")
-    rotation: Turn | None = Field(default=None, description="Groups turned about an axis.")
+    mirror: Mirror | None = None
+    """Pairs mirrored in a plane."""
+    rotation: Turn | None = None
+    """Groups turned about an axis."""
 
     @model_validator(mode="after")
     def _one(self) -> Symmetry:

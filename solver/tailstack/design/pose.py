@@ -12,20 +12,14 @@ from ..fields import KEEP_ONE, Angles, Matrix44, Point, Quaternion, Record, Rota
 class Pose(Record):
     """A rigid transform as one rotation, in one of three forms, and a translation."""
 
-    rotation_deg: Angles | None = Field(
-        default=None,
-        description="[rx, ry, rz] in degrees, composed as R = Rx(rx) Ry(ry) Rz(rz).",
-        examples=[[0.0, 0.0, 90.0]],
-    )
-    rotation: Rotation3 | None = Field(
-        default=None, description="Rotation matrix, row by row.", examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]]
-    )
-    quaternion_wxyz: Quaternion | None = Field(
-        default=None, description="Unit quaternion, scalar first.", examples=[[1.0, 0.0, 0.0, 0.0]]
-    )
-    translation_mm: Point = Field(
-        default=(0.0, 0.0, 0.0), description="Added after the rotation, mm.", examples=[[0.0, 0.0, 120.0]]
-    )
+    rotation_deg: Angles | None = Field(default=None, examples=[[0.0, 0.0, 90.0]])
+    """[rx, ry, rz] in degrees, composed as R = Rx(rx) Ry(ry) Rz(rz)."""
+    rotation: Rotation3 | None = Field(default=None, examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]])
+    """Rotation matrix, row by row."""
+    quaternion_wxyz: Quaternion | None = Field(default=None, examples=[[1.0, 0.0, 0.0, 0.0]])
+    """Unit quaternion, scalar first."""
+    translation_mm: Point = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, 120.0]])
+    """Added after the rotation, mm."""
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Pose:

@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from ..cures import ask_meant, cure_list, cure_pair, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
+from ..fields import describe_fields
 from .bead_noise import BeadNoise
 from .document import VIEW_KINDS, DesignDocument
 from .features import FEATURE_KINDS
@@ -437,7 +438,7 @@ def _field_at(raw: Sequence[str | int], root: type[BaseModel]) -> FieldInfo | No
     """The field at an error's path, or that which holds what is there."""
     for end in range(len(raw), 0, -1):
         owner = _model_at(raw[: end - 1], root)
-        for key, info in owner.model_fields.items() if owner is not None else ():
+        for key, info in describe_fields(owner).items() if owner is not None else ():
             if (info.alias or key) == raw[end - 1]:
                 return info
     return None

@@ -18,39 +18,35 @@ Moment = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}(T\d{2}:\d{2}(:\d{2})?
 class NamedVersion(Record):
     """The design as it was, by a name."""
 
-    name: Name = Field(description="What it is called; unique.", examples=["A"])
-    note: Prose = Field(default="", description="What it is for.", examples=["as drawn, before the review"])
-    date: Moment | None = Field(
-        default=None, description="When it was kept, YYYY-MM-DD or YYYY-MM-DDThh:mmZ.", examples=["2026-11-28"]
-    )
+    name: Name = Field(examples=["A"])
+    """What it is called; unique."""
+    note: Prose = Field(default="", examples=["as drawn, before the review"])
+    """What it is for."""
+    date: Moment | None = Field(default=None, examples=["2026-11-28"])
+    """When it was kept, YYYY-MM-DD or YYYY-MM-DDThh:mmZ."""
     text: Annotated[str, Field(min_length=1, max_length=500_000)] = Field(
-        description="Its document, YAML or JSON, without a review of its own. Read when it is asked for.",
-        examples=["schema: tailstack/design/1\nname: drill guide\n"],
+        examples=["schema: tailstack/design/1\nname: drill guide\n"]
     )
+    """Its document, YAML or JSON, without a review of its own. Read when it is asked for."""
 
 
 class Comment(Record):
     """A remark on a fiducial, on a line of the budget, or on the design."""
 
-    text: Annotated[str, Field(min_length=1, max_length=2000)] = Field(
-        description="What is said.", examples=["too near to the screw"]
-    )
-    bead: Name | None = Field(
-        default=None, description="Label of the fiducial that it is about. Absent: of none.", examples=["F3"]
-    )
-    contributor: Name | None = Field(
-        default=None,
-        description="Name of the line of the budget that it is about, as results have it. Absent: of none.",
-        examples=["structure_connector"],
-    )
-    component: Name | None = Field(
-        default=None, description="With contributor: its component. Absent: all of it.", examples=["rx"]
-    )
-    author: Annotated[str, Field(max_length=80)] = Field(default="", description="Who says it.", examples=["A. Okafor"])
-    date: Moment | None = Field(
-        default=None, description="When, YYYY-MM-DD or YYYY-MM-DDThh:mmZ.", examples=["2026-11-28"]
-    )
-    resolved: bool = Field(default=False, description="true: it is settled. Default false.", examples=[True])
+    text: Annotated[str, Field(min_length=1, max_length=2000)] = Field(examples=["too near to the screw"])
+    """What is said."""
+    bead: Name | None = Field(default=None, examples=["F3"])
+    """Label of the fiducial that it is about. Absent: of none."""
+    contributor: Name | None = Field(default=None, examples=["structure_connector"])
+    """Name of the line of the budget that it is about, as results have it. Absent: of none."""
+    component: Name | None = Field(default=None, examples=["rx"])
+    """With contributor: its component. Absent: all of it."""
+    author: Annotated[str, Field(max_length=80)] = Field(default="", examples=["A. Okafor"])
+    """Who says it."""
+    date: Moment | None = Field(default=None, examples=["2026-11-28"])
+    """When, YYYY-MM-DD or YYYY-MM-DDThh:mmZ."""
+    resolved: bool = Field(default=False, examples=[True])
+    """true: it is settled. Default false."""
 
     @model_validator(mode="after")
     def _one_pin(self) -> Self:
@@ -65,12 +61,10 @@ class Comment(Record):
 class Review(Record):
     """Versions and comments.  A comment stays when what it is about is gone."""
 
-    versions: Annotated[list[NamedVersion], Field(max_length=50)] = Field(
-        default=[], description="Earlier versions, oldest first. Default none."
-    )
-    comments: Annotated[list[Comment], Field(max_length=500)] = Field(
-        default=[], description="Comments, oldest first. Default none."
-    )
+    versions: Annotated[list[NamedVersion], Field(max_length=50)] = Field(default=[])
+    """Earlier versions, oldest first. Default none."""
+    comments: Annotated[list[Comment], Field(max_length=500)] = Field(default=[])
+    """Comments, oldest first. Default none."""
 
     _as_before = leave_out_later({"versions": [], "comments": []})
 
