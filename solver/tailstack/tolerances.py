@@ -52,12 +52,18 @@ def level_field(usual: Drawn, what: str = "this") -> Any:
 class Bias(Record):
     """A known displacement: X -> R (X - pivot) + pivot + t with R = Rx(rx) Ry(ry) Rz(rz)."""
 
-    rx_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about x, degrees.", examples=[0.1])
-    ry_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about y, degrees.", examples=[0.0])
-    rz_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about z, degrees.", examples=[0.0])
-    tx_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along x, mm.", examples=[0.0])
-    ty_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along y, mm.", examples=[0.0])
-    tz_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along z, mm.", examples=[0.05])
+    rx_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, examples=[0.1])
+    """Rotation about x, degrees."""
+    ry_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, examples=[0.0])
+    """Rotation about y, degrees."""
+    rz_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, examples=[0.0])
+    """Rotation about z, degrees."""
+    tx_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, examples=[0.0])
+    """Translation along x, mm."""
+    ty_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, examples=[0.0])
+    """Translation along y, mm."""
+    tz_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, examples=[0.05])
+    """Translation along z, mm."""
 
     @property
     def torsor(self) -> Array:
@@ -69,9 +75,8 @@ class Bias(Record):
 class RotationTolerance(Record):
     """Half-width of one rotation."""
 
-    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] = Field(
-        description="Half-width h of the rotation, degrees.", examples=[0.05]
-    )
+    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] = Field(examples=[0.05])
+    """Half-width h of the rotation, degrees."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -86,9 +91,8 @@ class RotationTolerance(Record):
 class TranslationTolerance(Record):
     """Half-width of one translation."""
 
-    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
-        description="Half-width h of the translation, mm.", examples=[0.02]
-    )
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(examples=[0.02])
+    """Half-width h of the translation, mm."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -113,36 +117,39 @@ Covariance = Annotated[
 class Correlation(Record):
     """How two components go together."""
 
-    between: Annotated[tuple[Component, Component], Field(strict=False)] = Field(
-        description="The two components, each with a tolerance of its own.", examples=[["rx", "ty"]]
-    )
+    between: Annotated[tuple[Component, Component], Field(strict=False)] = Field(examples=[["rx", "ty"]])
+    """The two components, each with a tolerance of its own."""
     coefficient: Annotated[float, Field(ge=-1, le=1), AnySize("its domain is what anybody means")] = Field(
-        description="Coefficient of correlation, -1 to 1.", examples=[-0.9]
+        examples=[-0.9]
     )
+    """Coefficient of correlation, -1 to 1."""
 
 
 class Tolerances(Record):
     """One tolerance per component of the torsor; a component that is not given does not vary."""
 
-    rx: RotationTolerance | None = Field(default=None, description="Rotation about x through the pivot.")
-    ry: RotationTolerance | None = Field(default=None, description="Rotation about y through the pivot.")
-    rz: RotationTolerance | None = Field(default=None, description="Rotation about z through the pivot.")
-    tx: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along x.")
-    ty: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along y.")
-    tz: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along z.")
+    rx: RotationTolerance | None = None
+    """Rotation about x through the pivot."""
+    ry: RotationTolerance | None = None
+    """Rotation about y through the pivot."""
+    rz: RotationTolerance | None = None
+    """Rotation about z through the pivot."""
+    tx: TranslationTolerance | None = None
+    """Translation of the pivot along x."""
+    ty: TranslationTolerance | None = None
+    """Translation of the pivot along y."""
+    tz: TranslationTolerance | None = None
+    """Translation of the pivot along z."""
 
-    correlation: Annotated[list[Correlation], Field(min_length=1, max_length=15)] | None = Field(
-        default=None,
-        description="Components that go together, pair by pair; all of them normal. Absent: every component is "
-        "independent of the others.",
-    )
+    correlation: Annotated[list[Correlation], Field(min_length=1, max_length=15)] | None = None
+    """Components that go together, pair by pair; all of them normal. Absent: every component is independent of the
+    others."""
     covariance_deg_mm: Covariance | None = Field(
-        default=None,
-        description="Instead of components: their covariance, 6 rows of 6 in the order rx, ry, rz, tx, ty, tz, in deg "
-        "and mm (rotations deg^2, mixed terms deg mm, translations mm^2), jointly normal. A calibration's report has "
-        "it. Half-widths are then two standard deviations.",
-        examples=[np.diag([0.0025, 0.0025, 0.0004, 0.01, 0.01, 0.0025]).tolist()],
+        default=None, examples=[np.diag([0.0025, 0.0025, 0.0004, 0.01, 0.01, 0.0025]).tolist()]
     )
+    """Instead of components: their covariance, 6 rows of 6 in the order rx, ry, rz, tx, ty, tz, in deg and mm
+    (rotations deg^2, mixed terms deg mm, translations mm^2), jointly normal. A calibration's report has it. Half-widths
+    are then two standard deviations."""
 
     _as_before = leave_out_later({"correlation": None, "covariance_deg_mm": None})
 

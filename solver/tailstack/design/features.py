@@ -113,24 +113,17 @@ def spread_sum(half_width: float, std: float) -> list[tuple[str, float]]:
 
 
 class _Feature(Record):
-    name: Name = Field(description="Name of the feature, unique in the interface.", examples=["A"])
-    position_mm: Point = Field(description="Its middle in con, mm.", examples=[[0.0, 0.0, -95.0]])
-    normal: Direction = Field(
-        default=(0.0, 0.0, 1.0),
-        description="Its normal, or the axis of a round one, in con; any length. Default z.",
-        examples=[[0, 0, 1]],
-    )
-    along: Direction = Field(
-        default=(1.0, 0.0, 0.0),
-        description="Its first side, or the way that a slot or a vee runs, in con; any length. Default x.",
-        examples=[[1, 0, 0]],
-    )
-    distribution: Literal["uniform", "bounded"] = Field(
-        default="uniform",
-        description="uniform: anything within what the drawing allows alike. bounded: no law is claimed, only the "
-        "worst case counts. Default uniform.",
-        examples=["uniform"],
-    )
+    name: Name = Field(examples=["A"])
+    """Name of the feature, unique in the interface."""
+    position_mm: Point = Field(examples=[[0.0, 0.0, -95.0]])
+    """Its middle in con, mm."""
+    normal: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
+    """Its normal, or the axis of a round one, in con; any length. Default z."""
+    along: Direction = Field(default=(1.0, 0.0, 0.0), examples=[[1, 0, 0]])
+    """Its first side, or the way that a slot or a vee runs, in con; any length. Default x."""
+    distribution: Literal["uniform", "bounded"] = Field(default="uniform", examples=["uniform"])
+    """uniform: anything within what the drawing allows alike. bounded: no law is claimed, only the worst case counts.
+    Default uniform."""
 
     @model_validator(mode="after")
     def _has_a_frame(self) -> Self:
@@ -180,23 +173,18 @@ class _Feature(Record):
 class Pad(_Feature):
     """A flat face that the part rests on: holds two tilts and the height."""
 
-    kind: Literal["pad"] = Field(description="pad: a flat face, holds three motions.", examples=["pad"])
+    kind: Literal["pad"] = Field(examples=["pad"])
+    """pad: a flat face, holds three motions."""
     size_mm: Annotated[tuple[_Size, _Size], Field(strict=False), AnySize("of a part, as it is drawn")] = Field(
-        description="Its length along ``along`` and across it, mm.", examples=[[60, 40]]
+        examples=[[60, 40]]
     )
-    flatness_mm: _Zone | None = Field(
-        default=None, description="Flatness t, mm: of the face by itself.", examples=[0.02]
-    )
-    parallelism_mm: _Zone | None = Field(
-        default=None,
-        description="Parallelism t, mm, to the face that it is measured from. Either this or flatness.",
-        examples=[0.02],
-    )
-    height_mm: _Limits | None = Field(
-        default=None,
-        description="Deviations of its height along the normal, mm: [upper, lower]. Default exact.",
-        examples=[[0.02, 0.0]],
-    )
+    """Its length along ``along`` and across it, mm."""
+    flatness_mm: _Zone | None = Field(default=None, examples=[0.02])
+    """Flatness t, mm: of the face by itself."""
+    parallelism_mm: _Zone | None = Field(default=None, examples=[0.02])
+    """Parallelism t, mm, to the face that it is measured from. Either this or flatness."""
+    height_mm: _Limits | None = Field(default=None, examples=[[0.02, 0.0]])
+    """Deviations of its height along the normal, mm: [upper, lower]. Default exact."""
 
     @model_validator(mode="after")
     def _one_zone(self) -> Self:
@@ -248,28 +236,18 @@ class FittedFeature(_Feature):
     _called = "fit"
     _clearance_over = 16  # by which the mean square of a clearance is divided: of a disc along an axis
 
-    diameter_mm: _Size = Field(description="Nominal diameter, mm.", examples=[6])
-    fit: Annotated[str, Field(max_length=20)] | None = Field(
-        default=None,
-        description="ISO 286: class of the hole, a stroke, class of the pin. Either this, or hole_mm and pin_mm.",
-        examples=["H7/g6"],
-    )
-    hole_mm: _Limits | None = Field(
-        default=None, description="Deviations of the hole, mm: [upper, lower].", examples=[[0.012, 0.0]]
-    )
-    pin_mm: _Limits | None = Field(
-        default=None, description="Deviations of the pin, mm: [upper, lower].", examples=[[-0.004, -0.012]]
-    )
-    true_position_mm: _Zone | None = Field(
-        default=None,
-        description="Position tolerance of the axis, mm: the diameter of its zone. Default exact.",
-        examples=[0.05],
-    )
-    at_maximum_material: bool = Field(
-        default=False,
-        description="Whether the zone grows by what the hole is larger than its smallest (the sign M on a drawing).",
-        examples=[True],
-    )
+    diameter_mm: _Size = Field(examples=[6])
+    """Nominal diameter, mm."""
+    fit: Annotated[str, Field(max_length=20)] | None = Field(default=None, examples=["H7/g6"])
+    """ISO 286: class of the hole, a stroke, class of the pin. Either this, or hole_mm and pin_mm."""
+    hole_mm: _Limits | None = Field(default=None, examples=[[0.012, 0.0]])
+    """Deviations of the hole, mm: [upper, lower]."""
+    pin_mm: _Limits | None = Field(default=None, examples=[[-0.004, -0.012]])
+    """Deviations of the pin, mm: [upper, lower]."""
+    true_position_mm: _Zone | None = Field(default=None, examples=[0.05])
+    """Position tolerance of the axis, mm: the diameter of its zone. Default exact."""
+    at_maximum_material: bool = Field(default=False, examples=[True])
+    """Whether the zone grows by what the hole is larger than its smallest (the sign M on a drawing)."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -350,7 +328,8 @@ class FittedFeature(_Feature):
 class PinInHole(FittedFeature):
     """A pin in a round hole: holds its axis, two motions."""
 
-    kind: Literal["pin_in_hole"] = Field(description="pin_in_hole: holds two motions.", examples=["pin_in_hole"])
+    kind: Literal["pin_in_hole"] = Field(examples=["pin_in_hole"])
+    """pin_in_hole: holds two motions."""
     _called = "pin in hole"
 
     @property
@@ -365,7 +344,8 @@ class PinInHole(FittedFeature):
 class PinInSlot(FittedFeature):
     """A pin in a slot that runs along ``along``: holds across it, one motion."""
 
-    kind: Literal["pin_in_slot"] = Field(description="pin_in_slot: holds one motion.", examples=["pin_in_slot"])
+    kind: Literal["pin_in_slot"] = Field(examples=["pin_in_slot"])
+    """pin_in_slot: holds one motion."""
     _called = "pin in slot"
     _clearance_over = 12  # of a line
 
@@ -381,10 +361,10 @@ class PinInSlot(FittedFeature):
 class Spigot(FittedFeature):
     """A spigot in a bore: holds its axis, two motions, and with a length two tilts."""
 
-    kind: Literal["spigot"] = Field(description="spigot: holds two motions, with length_mm four.", examples=["spigot"])
-    length_mm: _Size | None = Field(
-        default=None, description="Length in the bore, mm, where it holds tilt. Default: a short one.", examples=[25]
-    )
+    kind: Literal["spigot"] = Field(examples=["spigot"])
+    """spigot: holds two motions, with length_mm four."""
+    length_mm: _Size | None = Field(default=None, examples=[25])
+    """Length in the bore, mm, where it holds tilt. Default: a short one."""
     _called = "spigot"
 
     @property
@@ -401,8 +381,10 @@ class Spigot(FittedFeature):
 class Vee(_Feature):
     """A ball in a vee groove of 90 degrees that runs along ``along``: holds across it and the height, two motions."""
 
-    kind: Literal["vee"] = Field(description="vee: a ball in a groove of 90 degrees, two motions.", examples=["vee"])
-    profile_mm: _Zone = Field(description="Profile t of each flank, mm: +-t/2 along its normal.", examples=[0.004])
+    kind: Literal["vee"] = Field(examples=["vee"])
+    """vee: a ball in a groove of 90 degrees, two motions."""
+    profile_mm: _Zone = Field(examples=[0.004])
+    """Profile t of each flank, mm: +-t/2 along its normal."""
 
     @property
     def contacts(self) -> list[tuple[Array, Array]]:
@@ -423,10 +405,10 @@ class Vee(_Feature):
 class RestPoint(_Feature):
     """A small face or a stop: holds one motion, along its normal."""
 
-    kind: Literal["rest"] = Field(description="rest: a stop, holds one motion.", examples=["rest"])
-    height_mm: _Limits = Field(
-        description="Deviations of its height along the normal, mm: [upper, lower].", examples=[[0.01, -0.01]]
-    )
+    kind: Literal["rest"] = Field(examples=["rest"])
+    """rest: a stop, holds one motion."""
+    height_mm: _Limits = Field(examples=[[0.01, -0.01]])
+    """Deviations of its height along the normal, mm: [upper, lower]."""
 
     @property
     def contacts(self) -> list[tuple[Array, Array]]:

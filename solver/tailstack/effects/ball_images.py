@@ -23,18 +23,12 @@ SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's
 class OfFiducials(Record):
     """What the fiducials say of it."""
 
-    diameter_mm: Annotated[Length, Typical(1.5, 10), BALL_MM] | None = Field(
-        default=None,
-        description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
-        "its centre is then a known bias. Absent, or where your software corrects it: none.",
-        examples=[3.0],
-    )
-    image_point: Literal["outline", "shadow"] | None = Field(
-        default=None,
-        description="With diameter_mm: what your software takes for the image of a ball. outline (default): the middle "
-        "of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.",
-        examples=["outline"],
-    )
+    diameter_mm: Annotated[Length, Typical(1.5, 10), BALL_MM] | None = Field(default=None, examples=[3.0])
+    """Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of its centre is
+    then a known bias. Absent, or where your software corrects it: none."""
+    image_point: Literal["outline", "shadow"] | None = Field(default=None, examples=["outline"])
+    """With diameter_mm: what your software takes for the image of a ball. outline (default): the middle of its
+    elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that."""
 
     @model_validator(mode="after")
     def _needs_a_diameter(self) -> Self:

@@ -40,9 +40,9 @@ class ScaleTolerance(Record):
     """Half-width of a scale: distances from the pivot, as a part of themselves."""
 
     half_width_rel: Annotated[float, Field(ge=0, le=0.1), Typical(2e-5, 1e-3), DRILLING_SCALE] = Field(
-        description="Half-width h, as a part of every distance from the pivot: 0.0001 is 5 um at 50 mm.",
-        examples=[0.0001],
+        examples=[0.0001]
     )
+    """Half-width h, as a part of every distance from the pivot: 0.0001 is 5 um at 50 mm."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -52,26 +52,23 @@ class ScaleTolerance(Record):
 class Clamping(Record):
     """Fiducials that were drilled in one clamping, and how far they may sit off together."""
 
-    name: Name | None = Field(
-        default=None, description="Name; default C1, C2, ... by position in the list.", examples=["upper face"]
-    )
-    fiducials: Annotated[list[Name], Field(min_length=1)] | None = Field(
-        default=None, description="Labels of those drilled in it. Default: all.", examples=[["F1", "F2", "F3"]]
-    )
-    pivot_mm: Annotated[Point, Typical(-60, 60)] | None = Field(
-        default=None,
-        description="Point in con that turn and scale are about, mm: the datum they are drilled from. Default the "
-        "centroid of its fiducials.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
+    name: Name | None = Field(default=None, examples=["upper face"])
+    """Name; default C1, C2, ... by position in the list."""
+    fiducials: Annotated[list[Name], Field(min_length=1)] | None = Field(default=None, examples=[["F1", "F2", "F3"]])
+    """Labels of those drilled in it. Default: all."""
+    pivot_mm: Annotated[Point, Typical(-60, 60)] | None = Field(default=None, examples=[[0.0, 0.0, -95.0]])
+    """Point in con that turn and scale are about, mm: the datum they are drilled from. Default the centroid of its
+    fiducials."""
     tolerances: Annotated[
         Tolerances,
         Typical(0.005, 0.1, of="half_width_deg"),
         Typical(0.005, 0.1, of="half_width_mm"),
         SEAT_DEG,
         BEAD_PLACE_MM,
-    ] = Field(default_factory=Tolerances, description="Half-width and law of their common turn and shift.")
-    scale: ScaleTolerance | None = Field(default=None, description="Of their common scale. Absent: exact.")
+    ] = Field(default_factory=Tolerances)
+    """Half-width and law of their common turn and shift."""
+    scale: ScaleTolerance | None = None
+    """Of their common scale. Absent: exact."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
@@ -106,11 +103,9 @@ class Clamping(Record):
 class CommonOfFiducials(Record):
     """What the fiducials say of it."""
 
-    common: Annotated[list[Clamping], Field(min_length=1, max_length=6)] | None = Field(
-        default=None,
-        description="What fiducials drilled in one clamping have in common, clamping by clamping, beside what each has "
-        "of its own (manufacturing). Absent: nothing.",
-    )
+    common: Annotated[list[Clamping], Field(min_length=1, max_length=6)] | None = None
+    """What fiducials drilled in one clamping have in common, clamping by clamping, beside what each has of its own
+    (manufacturing). Absent: nothing."""
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:

@@ -35,14 +35,14 @@ class DetectorTilt(Record):
     large v (about u) or large u (about v), moves away from the source.
     """
 
-    about_u: Turn | None = Field(default=None, description="About the axis along u. Absent: none.")
-    about_v: Turn | None = Field(default=None, description="About the axis along v. Absent: none.")
-    bias_about_u_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(
-        default=0.0, description="Known turn about u, degrees. Default 0.", examples=[0.2]
-    )
-    bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(
-        default=0.0, description="Known turn about v, degrees. Default 0.", examples=[0.2]
-    )
+    about_u: Turn | None = None
+    """About the axis along u. Absent: none."""
+    about_v: Turn | None = None
+    """About the axis along v. Absent: none."""
+    bias_about_u_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(default=0.0, examples=[0.2])
+    """Known turn about u, degrees. Default 0."""
+    bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(default=0.0, examples=[0.2])
+    """Known turn about v, degrees. Default 0."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
@@ -64,11 +64,9 @@ class DetectorTilt(Record):
 class TiltOfView(Record):
     """What a view says of it."""
 
-    detector_tilt: DetectorTilt | None = Field(
-        default=None,
-        description="Tilt of the detector out of the plane of its image, for the estimators that believe the "
-        "intrinsics; the others absorb it. Absent: none.",
-    )
+    detector_tilt: DetectorTilt | None = None
+    """Tilt of the detector out of the plane of its image, for the estimators that believe the intrinsics; the others
+    absorb it. Absent: none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,11 +43,9 @@ class ImageField(Record):
         Field(min_length=1, max_length=4),
         Typical(0.02, 1),
         FIELD_PX,
-    ] = Field(
-        description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
-        "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",
-        examples=[[0.0, 0.0, 0.1, 0.3]],
-    )
+    ] = Field(examples=[[0.0, 0.0, 0.1, 0.3]])
+    """Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a degree has the
+    same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -60,10 +58,8 @@ class ImageField(Record):
 class FieldOfView(Record):
     """What a view says of it."""
 
-    image_field: ImageField | None = Field(
-        default=None,
-        description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
-    )
+    image_field: ImageField | None = None
+    """What is left of the image's distortion after its correction. Needs image_size_px. Absent: none."""
 
     @model_validator(mode="after")
     def _needs_a_size(self) -> Self:

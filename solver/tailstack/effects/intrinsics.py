@@ -36,14 +36,12 @@ UNITS = ("1", "px", "px")
 class FocalError(Record):
     """Error of the assumed focal length, as a part of the true one."""
 
-    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5), Typical(-0.1, 0.1), SHARE] = Field(
-        default=0.0,
-        description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
-        examples=[0.01],
-    )
+    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5), Typical(-0.1, 0.1), SHARE] = Field(default=0.0, examples=[0.01])
+    """Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0."""
     half_width_rel: Annotated[float, Field(ge=0, le=1), Typical(0.001, 0.2), SHARE] = Field(
-        default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
+        default=0.0, examples=[0.01]
     )
+    """Half-width h, as a part of the focal length. Default 0."""
     distribution: RandomLaw | None = Field(
         default=None, description=LAW_WORDS + ". Required with half_width_rel.", examples=["uniform"]
     )
@@ -55,14 +53,12 @@ class FocalError(Record):
 class PrincipalPointError(Record):
     """Error of the assumed principal point."""
 
-    bias_px: Annotated[ImagePoint, Typical(-100, 100), FOOT_ERROR_PX] = Field(
-        default=(0.0, 0.0),
-        description="Known and fixed, [u, v], px: assumed less true. Default 0.",
-        examples=[[5.0, 0.0]],
-    )
+    bias_px: Annotated[ImagePoint, Typical(-100, 100), FOOT_ERROR_PX] = Field(default=(0.0, 0.0), examples=[[5.0, 0.0]])
+    """Known and fixed, [u, v], px: assumed less true. Default 0."""
     half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200), FOOT_ERROR_PX] = Field(
-        default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
+        default=0.0, examples=[10.0]
     )
+    """Half-width h of each coordinate, px."""
     distribution: RandomLaw | None = Field(
         default=None, description=LAW_WORDS + ". Required with half_width_px.", examples=["uniform"]
     )
@@ -74,10 +70,10 @@ class PrincipalPointError(Record):
 class IntrinsicsError(Record):
     """How wrong the assumed intrinsics of a view may be, independently in each view."""
 
-    focal: FocalError | None = Field(default=None, description="Of the focal length. Absent: exact.")
-    principal_point: PrincipalPointError | None = Field(
-        default=None, description="Of the principal point. Absent: exact."
-    )
+    focal: FocalError | None = None
+    """Of the focal length. Absent: exact."""
+    principal_point: PrincipalPointError | None = None
+    """Of the principal point. Absent: exact."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
@@ -86,11 +82,9 @@ class IntrinsicsError(Record):
 class IntrinsicsOfView(Record):
     """What a view says of it."""
 
-    intrinsics_error: IntrinsicsError | None = Field(
-        default=None,
-        description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
-        "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
-    )
+    intrinsics_error: IntrinsicsError | None = None
+    """How wrong the assumed focal length and principal point are, for the estimators that believe them (pose,
+    pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact."""
 
 
 def intrinsics_error(

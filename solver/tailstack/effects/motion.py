@@ -25,20 +25,18 @@ CALIBRATED = (3.0, pi / 180)
 class Motion(Record):
     """How far the structure may have moved against the target by the time of one shot."""
 
-    label: Annotated[str, Field(max_length=200)] = Field(
-        default="", description="What moves, in your words.", examples=["breathing"]
-    )
-    pivot_mm: Annotated[Point, Typical(-100, 100)] = Field(
-        description="Point in con that the motion is reduced at, mm: rotations turn about it.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
+    label: Annotated[str, Field(max_length=200)] = Field(default="", examples=["breathing"])
+    """What moves, in your words."""
+    pivot_mm: Annotated[Point, Typical(-100, 100)] = Field(examples=[[0.0, 0.0, -95.0]])
+    """Point in con that the motion is reduced at, mm: rotations turn about it."""
     tolerances: Annotated[
         Tolerances,
         Typical(0.005, 0.3, of="half_width_deg"),
         Typical(0.01, 0.3, of="half_width_mm"),
         MOTION_DEG,
         MOTION_MM,
-    ] = Field(description="Half-width and law per component.")
+    ]
+    """Half-width and law per component."""
     drawn: HowOften = level_field(Drawn.SHOT)
 
     _as_before = leave_out_later({"drawn": Drawn.SHOT})
@@ -47,10 +45,8 @@ class Motion(Record):
 class MotionOfView(Record):
     """What a view says of it."""
 
-    motion: Motion | None = Field(
-        default=None,
-        description="Motion of the structure against the target between the shots, as this view sees it. Absent: none.",
-    )
+    motion: Motion | None = None
+    """Motion of the structure against the target between the shots, as this view sees it. Absent: none."""
 
 
 def motion(

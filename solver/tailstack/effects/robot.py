@@ -56,40 +56,33 @@ _Stiffness = Annotated[
 class DhJoint(Record):
     """A joint by its four Denavit-Hartenberg parameters; lengths in mm, angles in degrees, as data sheets have them."""
 
-    name: Name | None = Field(default=None, description="Name; default J1, J2, ... by position.", examples=["elbow"])
-    type: Literal["revolute", "prismatic"] = Field(
-        default="revolute",
-        description="Whether it turns (theta is its value) or slides (d is). Default revolute.",
-        examples=["revolute"],
-    )
-    a_mm: _Length = Field(default=0.0, description="a, mm. Default 0.", examples=[-425.0])
-    alpha_deg: _Turn = Field(default=0.0, description="alpha, degrees. Default 0.", examples=[90.0])
-    d_mm: _Length = Field(default=0.0, description="d, mm; of a slide, where its value is 0.", examples=[162.5])
-    theta_deg: _Turn = Field(
-        default=0.0, description="theta, degrees; of a turn, where its value is 0.", examples=[0.0]
-    )
+    name: Name | None = Field(default=None, examples=["elbow"])
+    """Name; default J1, J2, ... by position."""
+    type: Literal["revolute", "prismatic"] = Field(default="revolute", examples=["revolute"])
+    """Whether it turns (theta is its value) or slides (d is). Default revolute."""
+    a_mm: _Length = Field(default=0.0, examples=[-425.0])
+    """a, mm. Default 0."""
+    alpha_deg: _Turn = Field(default=0.0, examples=[90.0])
+    """alpha, degrees. Default 0."""
+    d_mm: _Length = Field(default=0.0, examples=[162.5])
+    """d, mm; of a slide, where its value is 0."""
+    theta_deg: _Turn = Field(default=0.0, examples=[0.0])
+    """theta, degrees; of a turn, where its value is 0."""
 
 
 class ArmJoint(Record):
     """A joint as URDF has it, in mm and degrees: the frame in which it moves, in that of the joint before it."""
 
-    name: Name = Field(description="Name.", examples=["elbow_joint"])
-    type: Literal["revolute", "prismatic", "fixed"] = Field(
-        default="revolute",
-        description="Whether it turns, slides, or is fixed and has no value. Default revolute.",
-        examples=["revolute"],
-    )
-    xyz_mm: Annotated[Point, _ANY] = Field(
-        default=(0.0, 0.0, 0.0), description="Origin, mm. Default 0.", examples=[[0.0, 0.0, 162.5]]
-    )
-    rpy_deg: Annotated[Angles, _ANY] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Roll, pitch and yaw, degrees: Rz(yaw) Ry(pitch) Rx(roll). Default 0.",
-        examples=[[0.0, 90.0, 0.0]],
-    )
-    axis: Direction = Field(
-        default=(0.0, 0.0, 1.0), description="About or along which it moves. Default its z.", examples=[[0, 0, 1]]
-    )
+    name: Name = Field(examples=["elbow_joint"])
+    """Name."""
+    type: Literal["revolute", "prismatic", "fixed"] = Field(default="revolute", examples=["revolute"])
+    """Whether it turns, slides, or is fixed and has no value. Default revolute."""
+    xyz_mm: Annotated[Point, _ANY] = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, 162.5]])
+    """Origin, mm. Default 0."""
+    rpy_deg: Annotated[Angles, _ANY] = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 90.0, 0.0]])
+    """Roll, pitch and yaw, degrees: Rz(yaw) Ry(pitch) Rx(roll). Default 0."""
+    axis: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
+    """About or along which it moves. Default its z."""
 
     @model_validator(mode="after")
     def _along(self) -> Self:
@@ -107,86 +100,69 @@ class ArmJoint(Record):
 class UrdfChain(Record):
     """Where the joints stand in a URDF file."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(
-        description="URDF file beside the design (relative path); not in a request, which has joints.",
-        examples=["robots/arm.urdf"],
-    )
-    base_link: Name | None = Field(default=None, description="Link at the base. Default its root.", examples=["base"])
-    tip_link: Name | None = Field(
-        default=None,
-        description="Link that is the flange of transforms.T_flange_con. Default its only end.",
-        examples=["tool0"],
-    )
+    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["robots/arm.urdf"])
+    """URDF file beside the design (relative path); not in a request, which has joints."""
+    base_link: Name | None = Field(default=None, examples=["base"])
+    """Link at the base. Default its root."""
+    tip_link: Name | None = Field(default=None, examples=["tool0"])
+    """Link that is the flange of transforms.T_flange_con. Default its only end."""
 
 
 class ParameterSd(Record):
     """Standard deviations of the geometry: how well the arm was calibrated."""
 
     length_mm: Annotated[float, Field(ge=0, le=10), Typical(0.01, 0.2), LINK_SD_MM] = Field(
-        default=0.0, description="Of each length, mm. Default 0.", examples=[0.05]
+        default=0.0, examples=[0.05]
     )
+    """Of each length, mm. Default 0."""
     angle_deg: Annotated[float, Field(ge=0, le=LARGEST_DEG), Typical(0.002, 0.05), LINK_SD_DEG] = Field(
-        default=0.0, description="Of each angle between links, degrees. Default 0.", examples=[0.01]
+        default=0.0, examples=[0.01]
     )
+    """Of each angle between links, degrees. Default 0."""
 
 
 class Robot(Record):
     """The arm, in both poses, and how far it may be off.  A slide's values are in mm where joints' are in degrees."""
 
-    dh: Annotated[list[DhJoint], Field(min_length=1, max_length=MOST_JOINTS)] | None = Field(
-        default=None,
-        description="The arm by Denavit-Hartenberg parameters, from the base to the flange. Either this, joints or "
-        "urdf.",
-    )
-    dh_convention: Literal["standard", "modified"] | None = Field(
-        default=None,
-        description="With dh. standard: Rz(theta) Tz(d) Tx(a) Rx(alpha) of each joint; modified (Craig): Rx(alpha) "
-        "Tx(a) Rz(theta) Tz(d).",
-        examples=["standard"],
-    )
-    joints: Annotated[list[ArmJoint], Field(min_length=1, max_length=MOST_LINKS)] | None = Field(
-        default=None, description="The arm by the frames of its joints, from the base to the flange."
-    )
-    urdf: UrdfChain | None = Field(default=None, description="The arm by a file, which is read into joints.")
-    joints_imaging_deg: _Turns = Field(
-        description="Values of the joints where the shots are taken, degrees (a slide: mm).",
-        examples=[[0.0, -90.0, 90.0, 0.0, 90.0, 0.0]],
-    )
-    joints_executing_deg: _Turns = Field(
-        description="Values of the joints where the tool is at work, degrees (a slide: mm).",
-        examples=[[20.0, -70.0, 80.0, 10.0, 90.0, 0.0]],
-    )
-    joint_sd_deg: _Sd | _Sds | None = Field(
-        default=None,
-        description="Standard deviation of the zero of each joint's encoder, degrees (a slide: mm): one number, or one "
-        "a joint. Absent: exact.",
-        examples=[0.01],
-    )
-    parameter_sd: ParameterSd | None = Field(default=None, description="Of lengths and angles. Absent: exact.")
-    repeatability_sd_deg: _Sd | _Sds | None = Field(
-        default=None,
-        description="Standard deviation of each joint about what it is told, degrees (a slide: mm), drawn anew at each "
-        "of the two poses: backlash and scatter. One number, or one a joint. Absent: none.",
-        examples=[0.002],
-    )
+    dh: Annotated[list[DhJoint], Field(min_length=1, max_length=MOST_JOINTS)] | None = None
+    """The arm by Denavit-Hartenberg parameters, from the base to the flange. Either this, joints or urdf."""
+    dh_convention: Literal["standard", "modified"] | None = Field(default=None, examples=["standard"])
+    """With dh. standard: Rz(theta) Tz(d) Tx(a) Rx(alpha) of each joint; modified (Craig): Rx(alpha) Tx(a) Rz(theta)
+    Tz(d)."""
+    joints: Annotated[list[ArmJoint], Field(min_length=1, max_length=MOST_LINKS)] | None = None
+    """The arm by the frames of its joints, from the base to the flange."""
+    urdf: UrdfChain | None = None
+    """The arm by a file, which is read into joints."""
+    joints_imaging_deg: _Turns = Field(examples=[[0.0, -90.0, 90.0, 0.0, 90.0, 0.0]])
+    """Values of the joints where the shots are taken, degrees (a slide: mm)."""
+    joints_executing_deg: _Turns = Field(examples=[[20.0, -70.0, 80.0, 10.0, 90.0, 0.0]])
+    """Values of the joints where the tool is at work, degrees (a slide: mm)."""
+    joint_sd_deg: _Sd | _Sds | None = Field(default=None, examples=[0.01])
+    """Standard deviation of the zero of each joint's encoder, degrees (a slide: mm): one number, or one a joint.
+    Absent: exact."""
+    parameter_sd: ParameterSd | None = None
+    """Of lengths and angles. Absent: exact."""
+    repeatability_sd_deg: _Sd | _Sds | None = Field(default=None, examples=[0.002])
+    """Standard deviation of each joint about what it is told, degrees (a slide: mm), drawn anew at each of the two
+    poses: backlash and scatter. One number, or one a joint. Absent: none."""
     stiffness_nm_per_rad: Annotated[list[_Stiffness], Field(min_length=1, max_length=MOST_JOINTS)] | None = Field(
-        default=None,
-        description="Stiffness of each joint, Nm/rad (a slide: N/mm), where the controller does not allow for the sag "
-        "of the payload. Only with payload_kg. Absent: rigid.",
-        examples=[[4e4, 4e4, 3e4, 1e4, 1e4, 1e4]],
+        default=None, examples=[[4e4, 4e4, 3e4, 1e4, 1e4, 1e4]]
     )
+    """Stiffness of each joint, Nm/rad (a slide: N/mm), where the controller does not allow for the sag of the payload.
+    Only with payload_kg. Absent: rigid."""
     payload_kg: (
         Annotated[
             float, Field(ge=0, le=1000), Typical(0.5, 5), AnySize("from a probe to a C-arm, and known by weighing")
         ]
         | None
-    ) = Field(default=None, description="Mass on the flange, kg.", examples=[2.5])
+    ) = Field(default=None, examples=[2.5])
+    """Mass on the flange, kg."""
     payload_centre_mm: Annotated[Point, Typical(-100, 100)] = Field(
-        default=(0.0, 0.0, 0.0), description="Its centre of mass in flange, mm.", examples=[[0.0, 0.0, 80.0]]
+        default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, 80.0]]
     )
-    up: Annotated[Direction, Typical(-1, 1)] = Field(
-        default=(0.0, 0.0, 1.0), description="Upwards, in the base of the arm. Default its z.", examples=[[0, 0, 1]]
-    )
+    """Its centre of mass in flange, mm."""
+    up: Annotated[Direction, Typical(-1, 1)] = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
+    """Upwards, in the base of the arm. Default its z."""
     drawn: HowOften = level_field(Drawn.UNIT, "what belongs to the arm (encoders, links)")
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
@@ -228,11 +204,9 @@ class Robot(Record):
 class OfExecution(Record):
     """What the execution says of it."""
 
-    robot: Robot | None = Field(
-        default=None,
-        description="The arm that carries the structure from the shots to where the tool is at work, and its errors. "
-        "Absent: it does so exactly.",
-    )
+    robot: Robot | None = None
+    """The arm that carries the structure from the shots to where the tool is at work, and its errors. Absent: it does
+    so exactly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,32 +37,29 @@ class Temperature(Record):
     """
 
     difference_k: Annotated[float, Field(ge=-300, le=300), Typical(-20, 20), DIFFERENCE_K] = Field(
-        default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
+        default=0.0, examples=[15.0]
     )
+    """Known difference, K: operation less measurement. Default 0."""
     half_width_k: Annotated[float, Field(ge=0, le=300), Typical(0.5, 10), DIFFERENCE_K] = Field(
-        default=0.0, description="Half-width of the difference about it, K.", examples=[5.0]
+        default=0.0, examples=[5.0]
     )
+    """Half-width of the difference about it, K."""
     distribution: AnyLaw | None = Field(
         default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
     structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
-        description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
-        examples=[47.0],
+        examples=[47.0]
     )
+    """Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9."""
     connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
-        default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
+        default=0.0, examples=[23.0]
     )
-    seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(
-        default=None,
-        description="Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
-    flange_seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(
-        default=None,
-        description="Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.",
-        examples=[[0.0, 0.0, -150.0]],
-    )
+    """The same of the connector. Default 0."""
+    seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(default=None, examples=[[0.0, 0.0, -95.0]])
+    """Where structure and connector hold each other, con, mm. Default the pivot of structure_connector."""
+    flange_seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(default=None, examples=[[0.0, 0.0, -150.0]])
+    """Where the connector sits on the flange, con, mm. Default the pivot of connector_flange."""
 
     drawn: HowOften = level_field(Drawn.SHOT)
 
@@ -73,9 +70,8 @@ class Temperature(Record):
 class OfDesign(Record):
     """What a design says of it."""
 
-    temperature: Temperature | None = Field(
-        default=None, description="Operation at another temperature. Absent: nothing expands."
-    )
+    temperature: Temperature | None = None
+    """Operation at another temperature. Absent: nothing expands."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
