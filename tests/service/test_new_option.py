@@ -20,8 +20,8 @@ from family import run_python
 from waiting import LIMIT_SECONDS
 
 DEMO = ROOT / "examples" / "demo.yaml"
-BESIDE = '    scene: bool = Field(False, description="Add the scene in space, with the errors of a score.")\n'
-ADDED = '    room_px: Annotated[float, Field(gt=0, le=90)] = Field(5.0, description="Room at the edge, px.")\n'
+BESIDE = '    scene: bool = False\n    """Add the scene in space, with the errors of a score."""\n'
+ADDED = '    room_px: Annotated[float, Field(gt=0, le=90)] = 5.0\n    """Room at the edge, px."""\n'
 PROGRAM = """
 import contextlib, functools, io, json, sys
 from pathlib import Path
@@ -76,7 +76,8 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     file = copied / "operations" / "layout.py"
     content = file.read_text(encoding="utf-8")
     assert content.count(BESIDE) == 1
-    content = content.replace(BESIDE, BESIDE + ADDED).replace("TYPE_CHECKING, Any", "TYPE_CHECKING, Annotated, Any")
+    content = content.replace(BESIDE, BESIDE + ADDED)
+    content = content.replace("from typing import", "from pydantic import Field\nfrom typing import Annotated,")
     file.write_text(content, encoding="utf-8")
     path = os.pathsep.join([str(folder), str(ROOT / "solver")])
     done = run_python(

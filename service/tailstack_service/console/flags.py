@@ -17,6 +17,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from tailstack.fields import describe_fields
+
 from .arguments import number, whole
 
 BOUNDS = {Ge: "ge", Gt: "gt", Le: "le", Lt: "lt"}
@@ -120,7 +122,7 @@ class TypedOption:
 def list_options(options: type[BaseModel]) -> list[TypedOption]:
     """The options of a class, in the order of its fields."""
     typed_options, own = [], getattr(options, "flags", {})
-    for name, each in options.model_fields.items():
+    for name, each in describe_fields(options).items():
         annotation, metadata = _open(each.annotation, list(each.metadata))
         listed = get_origin(annotation) is list
         if listed:

@@ -21,23 +21,19 @@ FileName = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-
 class GateRequestDesign(Record):
     """One design of a gate."""
 
-    file: FileName = Field(
-        description="What findings call it; the policy's patterns see this name where names has none.",
-        examples=["designs/guide.yaml"],
-    )
-    design: dict[str, Any] | None = Field(default=None, description="The design document. Either this or text.")
-    text: str | None = Field(
-        default=None, description="The design document as YAML or JSON text: findings then have line and column."
-    )
+    file: FileName = Field(examples=["designs/guide.yaml"])
+    """What findings call it; the policy's patterns see this name where names has none."""
+    design: dict[str, Any] | None = None
+    """The design document. Either this or text."""
+    text: str | None = None
+    """The design document as YAML or JSON text: findings then have line and column."""
     names: Annotated[list[FileName], Field(max_length=200)] | None = Field(
-        default=None,
-        description="The names of the file that the policy's and the waivers' patterns see, links resolved: from the "
-        "root of its repository, from the folder of the policy. Absent: file is the only one.",
-        examples=[["designs/guide.yaml"]],
+        default=None, examples=[["designs/guide.yaml"]]
     )
-    class_: Name | None = Field(
-        default=None, alias="class", description="Class of the policy. Absent: the policy's patterns decide."
-    )
+    """The names of the file that the policy's and the waivers' patterns see, links resolved: from the root of its
+    repository, from the folder of the policy. Absent: file is the only one."""
+    class_: Name | None = Field(default=None, alias="class")
+    """Class of the policy. Absent: the policy's patterns decide."""
 
     @model_validator(mode="after")
     def _one(self) -> GateRequestDesign:
@@ -67,40 +63,29 @@ INCONCLUSIVE = Flag("what an open question counts as (default: exit code 4)")
 class GateRequest(Record):
     """Body of ``POST /v1/gates``."""
 
-    designs: Annotated[list[GateRequestDesign], Field(min_length=1), NO_FLAG] = Field(
-        description="The designs to judge."
-    )
-    policy: Annotated[dict[str, Any] | None, POLICY] = Field(
-        default=None, description="The policy (schema policy). Absent: the designs' own requirements, default rules."
-    )
-    waivers: Annotated[dict[str, Any] | None, WAIVERS] = Field(default=None, description="Waivers (schema waivers).")
-    baseline: Annotated[dict[str, Any] | None, BASELINE] = Field(
-        default=None, description="The answer of an earlier gate (schema gate)."
-    )
+    designs: Annotated[list[GateRequestDesign], Field(min_length=1), NO_FLAG]
+    """The designs to judge."""
+    policy: Annotated[dict[str, Any] | None, POLICY] = None
+    """The policy (schema policy). Absent: the designs' own requirements, default rules."""
+    waivers: Annotated[dict[str, Any] | None, WAIVERS] = None
+    """Waivers (schema waivers)."""
+    baseline: Annotated[dict[str, Any] | None, BASELINE] = None
+    """The answer of an earlier gate (schema gate)."""
     present: Annotated[Annotated[list[FileName], Field(max_length=10_000)] | None, NO_FLAG] = Field(
-        default=None,
-        description="Files of the baseline that are still there and not among these designs. A design of the baseline "
-        "whose file is neither here nor judged may be one of these designs under another name.",
-        examples=[["designs/other.yaml"]],
+        default=None, examples=[["designs/other.yaml"]]
     )
-    mode: Annotated[Mode, MODE] = Field(
-        default="auto",
-        description="analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo "
-        "where first order is near a limit.",
-        examples=["analytic"],
-    )
-    seed: Annotated[Annotated[int, Field(ge=0, lt=2**63)] | None, NO_FLAG] = Field(
-        default=None, description="Seed. Absent: the baseline's, else the policy's."
-    )
-    today: Annotated[Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None, NO_FLAG] = Field(
-        default=None, description="Day by which waivers are judged, YYYY-MM-DD. Absent: the service's, UTC."
-    )
-    fail_level: Annotated[Level, Flag("findings that fail")] = Field(
-        default="error", description="Findings of this severity fail the gate."
-    )
-    on_inconclusive: Annotated[Fold | None, INCONCLUSIVE] = Field(
-        default=None, description="What an open question counts as. Absent: 4."
-    )
-    max_regression_percent: Annotated[Annotated[float, Field(ge=0, le=1e6)] | None, REGRESSION] = Field(
-        default=None, description="Allowed rise of P95 over the baseline. Absent: the policy's."
-    )
+    """Files of the baseline that are still there and not among these designs. A design of the baseline whose file is
+    neither here nor judged may be one of these designs under another name."""
+    mode: Annotated[Mode, MODE] = Field(default="auto", examples=["analytic"])
+    """analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo where first
+    order is near a limit."""
+    seed: Annotated[Annotated[int, Field(ge=0, lt=2**63)] | None, NO_FLAG] = None
+    """Seed. Absent: the baseline's, else the policy's."""
+    today: Annotated[Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None, NO_FLAG] = None
+    """Day by which waivers are judged, YYYY-MM-DD. Absent: the service's, UTC."""
+    fail_level: Annotated[Level, Flag("findings that fail")] = "error"
+    """Findings of this severity fail the gate."""
+    on_inconclusive: Annotated[Fold | None, INCONCLUSIVE] = None
+    """What an open question counts as. Absent: 4."""
+    max_regression_percent: Annotated[Annotated[float, Field(ge=0, le=1e6)] | None, REGRESSION] = None
+    """Allowed rise of P95 over the baseline. Absent: the policy's."""

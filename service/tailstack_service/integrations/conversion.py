@@ -93,22 +93,14 @@ HELD = "STEP only: pattern of the names of cylinders and coordinate systems that
 class StepOptions(Options):
     """What of a STEP file is wanted; for other formats these are refused."""
 
-    sphere_diameter_mm: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, DIAMETER] = Field(
-        None, description="STEP only: diameter of the balls that are fiducials, mm. Absent: all, if they have one."
-    )
-    sphere_tolerance_mm: Annotated[float, Field(ge=0, le=100), NO_FLAG] = Field(
-        0.01, description="STEP only: how far a diameter may be from sphere_diameter_mm, mm."
-    )
-    name: Annotated[Pattern | None, NAME] = Field(
-        None,
-        description="STEP only: pattern of the name of a ball: its own, or that of its part or instance.",
-        examples=["BEAD*"],
-    )
-    frame: Annotated[Pattern | None, FRAME] = Field(
-        None,
-        description="STEP only: name of the coordinate system, part or instance whose frame becomes con.",
-        examples=["CONNECTOR"],
-    )
+    sphere_diameter_mm: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, DIAMETER] = None
+    """STEP only: diameter of the balls that are fiducials, mm. Absent: all, if they have one."""
+    sphere_tolerance_mm: Annotated[float, Field(ge=0, le=100), NO_FLAG] = 0.01
+    """STEP only: how far a diameter may be from sphere_diameter_mm, mm."""
+    name: Annotated[Pattern | None, NAME] = Field(None, examples=["BEAD*"])
+    """STEP only: pattern of the name of a ball: its own, or that of its part or instance."""
+    frame: Annotated[Pattern | None, FRAME] = Field(None, examples=["CONNECTOR"])
+    """STEP only: name of the coordinate system, part or instance whose frame becomes con."""
     seats: Annotated[Pattern | None, SEATS] = Field(
         None, description=f"{HELD} along their axis; with pins they become its six locators.", examples=["REST*"]
     )
@@ -119,11 +111,10 @@ class StepOptions(Options):
     )
 
     pin_class: Annotated[Annotated[str, Field(min_length=2, max_length=6)] | None, PIN_CLASS] = Field(
-        None,
-        description="STEP only: the tolerances that the file states (AP242) of a flat face and two dowel holes become "
-        "the features of the structure's seat, with pins of this class of ISO 286. Balls may lack then, beside a base.",
-        examples=["g6"],
+        None, examples=["g6"]
     )
+    """STEP only: the tolerances that the file states (AP242) of a flat face and two dowel holes become the features of
+    the structure's seat, with pins of this class of ISO 286. Balls may lack then, beside a base."""
 
     def select(self) -> StepSelection:
         """As the solver takes it."""
@@ -135,30 +126,24 @@ class StepOptions(Options):
 class FileOptions(StepOptions):
     """What the files themselves do not say."""
 
-    xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(
-        None,
-        description="CSV: it is a frame specification of XMALab, with numbers in this unit: the content, "
-        "or, if that is no CSV, what is made of it.",
-        examples=["cm"],
-    )
+    xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(None, examples=["cm"])
+    """CSV: it is a frame specification of XMALab, with numbers in this unit: the content, or, if that is no CSV, what
+    is made of it."""
 
 
 class ConversionOptions(FileOptions):
     """The content and what to make of it."""
 
-    format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
-    content: Annotated[str, Field(min_length=1)] = Field(
-        description="The text of the file; of dicom its bytes in base64, of which the header (the first 100 kB) is "
-        "enough.",
-        examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"],
-    )
-    to: TargetFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
-    base: dict[str, Any] | None = Field(
-        None, description="A design whose fiducials, or views, the content replaces; the answer holds it."
-    )
-    more: Annotated[list[Annotated[str, Field(min_length=1)]], Field(max_length=MOST_SHOTS - 1)] | None = Field(
-        None, description="dicom: further images in base64; each is a view, in this order."
-    )
+    format: SourceFormat
+    """What the content is; yaml and json are designs."""
+    content: Annotated[str, Field(min_length=1)] = Field(examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"])
+    """The text of the file; of dicom its bytes in base64, of which the header (the first 100 kB) is enough."""
+    to: TargetFormat = "yaml"
+    """What to make of it; a design becomes a design, or its fiducials."""
+    base: dict[str, Any] | None = None
+    """A design whose fiducials, or views, the content replaces; the answer holds it."""
+    more: Annotated[list[Annotated[str, Field(min_length=1)]], Field(max_length=MOST_SHOTS - 1)] | None = None
+    """dicom: further images in base64; each is a view, in this order."""
 
 
 _SOURCE = Field(None, description="What the content is; text/csv, model/step and YAML say it themselves.")

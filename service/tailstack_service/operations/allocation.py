@@ -23,15 +23,12 @@ LOCK = Flag(
 class AllocationOptions(Options):
     """Which limit, and what stays."""
 
-    limit: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="Limit to keep, in the unit of the requirement's measure (mm); absent: the design's own."
-    )
-    requirement: str | None = Field(
-        None, description="Requirement whose limit that is; it can be left out where the section has one."
-    )
-    locked: Annotated[Annotated[list[str], Field(max_length=100)], LOCK] = Field(
-        [], description="Half-widths that stay as they are: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR."
-    )
+    limit: Annotated[float, Field(gt=0)] | None = None
+    """Limit to keep, in the unit of the requirement's measure (mm); absent: the design's own."""
+    requirement: str | None = None
+    """Requirement whose limit that is; it can be left out where the section has one."""
+    locked: Annotated[Annotated[list[str], Field(max_length=100)], LOCK] = Field([])
+    """Half-widths that stay as they are: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR."""
 
 
 def _allocate(call: Call) -> Allocation:

@@ -72,17 +72,17 @@ class BatchOptions(Options):
     """A table of numbers of the design, and what is wanted of each row."""
 
     table: Annotated[dict[str, list[float]], Field(min_length=1, max_length=2_000), NO_FLAG] = Field(
-        description="Columns by the number of the design that they give, in the unit of its field: a JSON pointer, "
-        "/views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element. All "
-        "have one length.",
-        examples=[{"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}],
+        examples=[{"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}]
     )
+    """Columns by the number of the design that they give, in the unit of its field: a JSON pointer,
+    /views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element. All have one
+    length."""
     columns: Annotated[list[ColumnName], Field(min_length=1), COLUMNS] = Field(
-        ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"],
-        description="What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; "
-        "value, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within "
-        "their limits; verdict, which also takes how far the estimate can be trusted, and costs more.",
+        ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"]
     )
+    """What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; value, the quantile
+    that each requirement limits; within_limits (yes, no), whether all of these are within their limits; verdict, which
+    also takes how far the estimate can be trusted, and costs more."""
 
 
 @dataclass(slots=True)

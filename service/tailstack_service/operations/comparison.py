@@ -29,11 +29,11 @@ class ComparisonOptions(CheckOptions):
     """How both designs are checked."""
 
     parts: Annotated[list[Literal["score", "verification"]], Field(min_length=1, max_length=2)] = Field(
-        ["score", "verification"], description="What is computed of both; score alone: to first order."
+        ["score", "verification"]
     )
-    names: Annotated[list[Name], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="What to call the two, such as versions of one design; null: the first and the second."
-    )
+    """What is computed of both; score alone: to first order."""
+    names: Annotated[list[Name], Field(min_length=2, max_length=2)] | None = None
+    """What to call the two, such as versions of one design; null: the first and the second."""
 
 
 def _compare(call: Call) -> Comparison:

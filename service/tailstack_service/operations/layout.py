@@ -7,8 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import Field
-
 from tailstack.errors import IllPosedError
 
 from .operation import LateImport, Operation
@@ -26,7 +24,8 @@ if TYPE_CHECKING:
 class LayoutOptions(Options):
     """What is wanted besides positions and images."""
 
-    scene: bool = Field(False, description="Add the scene in space, with the errors of a score.")
+    scene: bool = False
+    """Add the scene in space, with the errors of a score."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:

@@ -45,17 +45,12 @@ STOPPING = "stopping: checking the best design found so far; press Ctrl-C again 
 class OptimisationOptions(Options):
     """Where the search begins."""
 
-    seed: Annotated[Seed | None, Flag("seed (default: the design's)")] = Field(
-        None, description="Seed of the starts; absent: optimise/seed of the design."
-    )
-    starts: Annotated[Count | None, Flag("starting layouts (default: the design's)")] = Field(
-        None, description="Number of starts; absent: optimise/starts of the design."
-    )
-    gap: Annotated[Annotated[float, Field(gt=0, lt=1)] | None, Flag(metavar="GAP")] = Field(
-        None,
-        description="No more starts once the best is that near, relative, to what no layout undercuts; absent: all.",
-        examples=[0.01],
-    )
+    seed: Annotated[Seed | None, Flag("seed (default: the design's)")] = None
+    """Seed of the starts; absent: optimise/seed of the design."""
+    starts: Annotated[Count | None, Flag("starting layouts (default: the design's)")] = None
+    """Number of starts; absent: optimise/starts of the design."""
+    gap: Annotated[Annotated[float, Field(gt=0, lt=1)] | None, Flag(metavar="GAP")] = Field(None, examples=[0.01])
+    """No more starts once the best is that near, relative, to what no layout undercuts; absent: all."""
 
 
 def _optimise(call: Call) -> Optimisation:

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.cures import ask_label
 from tailstack.errors import LimitError, Problem
+from tailstack.fields import Record
 from tailstack.montecarlo import FINEST_PRECISION, MAX_TRIALS
 
 from ..console.flags import Flag, list_options, read_flags
@@ -36,12 +37,8 @@ MostTrials = Annotated[
 ]
 
 
-class Options(BaseModel):
+class Options(Record):
     """The options of an operation; this one has none."""
-
-    model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True, defer_build=True
-    )
 
     exclusive: ClassVar[tuple[str, ...]] = ()  # of these, one at most
     flags: ClassVar[Mapping[str, Flag]] = {}  # of options that are inherited, in place of what stands beside them
@@ -88,14 +85,13 @@ class CheckOptions(Options):
 
     exclusive = ("trials", "precision")
 
-    trials: Count | None = Field(
-        None, description="Number of trials. Either this or precision; neither: the solver's own precision."
-    )
-    precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = Field(
-        None, description="Half-width of the confidence interval of P95, relative, at which sampling stops."
-    )
+    trials: Count | None = None
+    """Number of trials. Either this or precision; neither: the solver's own precision."""
+    precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = None
+    """Half-width of the confidence interval of P95, relative, at which sampling stops."""
     max_trials: MostTrials = MAX_TRIALS
-    seed: Seed = Field(0, description="Seed; one seed is one answer, whatever workers and threads.")
+    seed: Seed = 0
+    """Seed; one seed is one answer, whatever workers and threads."""
 
     @model_validator(mode="after")
     def _one_size(self) -> CheckOptions:

@@ -41,16 +41,13 @@ class ReportOptions(CheckOptions):
     }
 
     parts: Annotated[list[Part], Field(min_length=1, max_length=3), PARTS] = Field(
-        ["score", "verification"],
-        description="What the record holds, each once; optimisation: before and after.",
-        examples=[["score", "verification"]],
+        ["score", "verification"], examples=[["score", "verification"]]
     )
+    """What the record holds, each once; optimisation: before and after."""
 
-    profile: Profile | None = Field(
-        None,
-        description="A chapter for a field of work. rsa, radiostereometry (ISO 16087): condition number, fitting and "
-        "crossing-line errors, and the precision of double examinations of the design's bodies.",
-    )
+    profile: Profile | None = None
+    """A chapter for a field of work. rsa, radiostereometry (ISO 16087): condition number, fitting and crossing-line
+    errors, and the precision of double examinations of the design's bodies."""
 
     @model_validator(mode="after")
     def _each_once(self) -> ReportOptions:

@@ -7,8 +7,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Annotated, Any, Self
 
-from pydantic import Field
-
 from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
@@ -26,32 +24,24 @@ SEARCH_SECONDS = 5.0
 class ScoreOptions(Options):
     """How a score is computed."""
 
-    second_order: bool = Field(False, description="Add the second-order correction where it holds.")
-    reliability: Annotated[bool, Flag("add the smallest slip of each image that would be noticed")] = Field(
-        False, description="Add the smallest slip of each fiducial's image that its residuals give away."
-    )
-    losses: Annotated[bool, Flag("look neither for the worst loss of fiducials nor at levers")] = Field(
-        True,
-        description="Look for the worst loss of one fiducial and of two, and at what each lever leads to by itself. "
-        "Without it, a score takes a third less.",
-    )
-    search: bool = Field(
-        False,
-        description="Search what moving fiducials leads to by itself, and one view more, within what the design's "
-        "optimise section allows: seconds. Needs losses.",
-    )
-    fifty_shots: Annotated[bool, Flag("add fifty shots that stand for all, as dots")] = Field(
-        False, description="Add fifty quantiles of what decides: fifty shots that stand for all, and how many miss."
-    )
-    fiducials: Annotated[bool, Flag("add what moving and losing each fiducial does to the value that decides")] = Field(
-        False,
-        description="Add the derivative of the value that decides by each fiducial's place, and what it comes "
-        "to without each of them. Some 30 ms more for each fiducial.",
-    )
+    second_order: bool = False
+    """Add the second-order correction where it holds."""
+    reliability: Annotated[bool, Flag("add the smallest slip of each image that would be noticed")] = False
+    """Add the smallest slip of each fiducial's image that its residuals give away."""
+    losses: Annotated[bool, Flag("look neither for the worst loss of fiducials nor at levers")] = True
+    """Look for the worst loss of one fiducial and of two, and at what each lever leads to by itself. Without it, a
+    score takes a third less."""
+    search: bool = False
+    """Search what moving fiducials leads to by itself, and one view more, within what the design's optimise section
+    allows: seconds. Needs losses."""
+    fifty_shots: Annotated[bool, Flag("add fifty shots that stand for all, as dots")] = False
+    """Add fifty quantiles of what decides: fifty shots that stand for all, and how many miss."""
+    fiducials: Annotated[bool, Flag("add what moving and losing each fiducial does to the value that decides")] = False
+    """Add the derivative of the value that decides by each fiducial's place, and what it comes to without each of them.
+    Some 30 ms more for each fiducial."""
 
-    covariances: Annotated[bool, Flag("add what the errors at every two targets have in common")] = Field(
-        False, description="Add the covariance of the errors at every two targets, of 64 at most."
-    )
+    covariances: Annotated[bool, Flag("add what the errors at every two targets have in common")] = False
+    """Add the covariance of the errors at every two targets, of 64 at most."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:

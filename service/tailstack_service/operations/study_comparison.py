@@ -45,18 +45,18 @@ INSTRUMENT = Flag(
 class ComparisonStudyOptions(Options):
     """What was measured, and with what."""
 
-    measurements: Annotated[str, Field(min_length=1), MEASURED] = Field(
-        description="The measurements, as CSV whose header names quantity and unit (docs/studies.md).",
-        examples=[MEASUREMENTS],
+    measurements: Annotated[str, Field(min_length=1), MEASURED] = Field(examples=[MEASUREMENTS])
+    """The measurements, as CSV whose header names quantity and unit (docs/studies.md)."""
+    name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$"), NO_FLAG] = (
+        "measurements.csv"
     )
-    name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$"), NO_FLAG] = Field(
-        "measurements.csv", description="What the record calls the measurements."
-    )
-    error: PointError = Field("tcp", description="Which error was measured.")
-    instrument_sd_mm: Annotated[float, Field(ge=0, le=1000), INSTRUMENT] = Field(
-        0.0, description="Standard deviation of the measuring instrument, mm per coordinate; 0: taken as exact."
-    )
-    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of the prediction.")
+    """What the record calls the measurements."""
+    error: PointError = "tcp"
+    """Which error was measured."""
+    instrument_sd_mm: Annotated[float, Field(ge=0, le=1000), INSTRUMENT] = 0.0
+    """Standard deviation of the measuring instrument, mm per coordinate; 0: taken as exact."""
+    seed: Annotated[Seed, Flag("seed")] = 0
+    """Seed of the prediction."""
 
 
 def _read(design: Design, content: Path | bytes, name: str | None = None) -> Measurements:

@@ -24,12 +24,10 @@ LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case
 class InstallationLevel(Options):
     """A fixed installation error of the structure."""
 
-    rotation_deg: Annotated[float, Field(ge=-45, le=45)] = Field(
-        description="About each axis through the pivot, deg.", examples=[1.0]
-    )
-    translation_mm: Annotated[float, Field(ge=-1000, le=1000)] = Field(
-        description="Along (1, 1, 1), mm.", examples=[2.0]
-    )
+    rotation_deg: Annotated[float, Field(ge=-45, le=45)] = Field(examples=[1.0])
+    """About each axis through the pivot, deg."""
+    translation_mm: Annotated[float, Field(ge=-1000, le=1000)] = Field(examples=[2.0])
+    """Along (1, 1, 1), mm."""
 
 
 def _parse_level(text: str) -> dict[str, float]:
@@ -56,15 +54,15 @@ class CouplingOptions(Options):
     """Which installation errors, and how each case is sampled."""
 
     levels: Annotated[Annotated[list[InstallationLevel], Field(min_length=1, max_length=50)] | None, LEVELS] = Field(
-        None,
-        description="Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.",
-        examples=[[{"rotation_deg": 1.0, "translation_mm": 2.0}]],
+        None, examples=[[{"rotation_deg": 1.0, "translation_mm": 2.0}]]
     )
-    error: PointError = Field("tcp", description="Which error.")
-    trials: Annotated[Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None, TRIALS] = Field(
-        None, description="Trials of each case; absent: 262144, fewer with many targets."
-    )
-    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of every case.")
+    """Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm."""
+    error: PointError = "tcp"
+    """Which error."""
+    trials: Annotated[Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None, TRIALS] = None
+    """Trials of each case; absent: 262144, fewer with many targets."""
+    seed: Annotated[Seed, Flag("seed")] = 0
+    """Seed of every case."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:

@@ -19,16 +19,14 @@ LEAST_TRIALS, MOST_TRIALS = 1024, 2**22  # of each estimator
 class EstimatorOptions(Options):
     """How well intrinsics are known where a view does not say, and how much is simulated."""
 
-    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1)] = Field(
-        0.01, description="Standard deviation of the assumed focal length, as a part of it."
-    )
-    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
-        10.0, description="Standard deviation of each coordinate of the assumed principal point, px."
-    )
-    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None = Field(
-        None, description="Trials of a simulation under each estimator; absent: first order alone."
-    )
-    seed: Seed = Field(0, description="Seed of the simulations.")
+    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1)] = 0.01
+    """Standard deviation of the assumed focal length, as a part of it."""
+    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4)] = 10.0
+    """Standard deviation of each coordinate of the assumed principal point, px."""
+    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None = None
+    """Trials of a simulation under each estimator; absent: first order alone."""
+    seed: Seed = 0
+    """Seed of the simulations."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:

@@ -31,9 +31,8 @@ class LinearityOptions(Options):
     noises_px: Annotated[
         Numbers | None,
         Flag("of every image coordinate (0.3,1,3,10)", name="noise", metavar="PX,..."),
-    ] = Field(
-        None, description="Noise of every image coordinate, px; absent: 0.3, 1, 3, 10.", examples=[[0.3, 1.0, 3.0]]
-    )
+    ] = Field(None, examples=[[0.3, 1.0, 3.0]])
+    """Noise of every image coordinate, px; absent: 0.3, 1, 3, 10."""
     rotations_deg: Annotated[
         Numbers | None,
         Flag(
@@ -41,25 +40,26 @@ class LinearityOptions(Options):
             name="rotation",
             metavar="DEG,...",
         ),
-    ] = Field(
-        None,
-        description="Standard deviation of each rotation of the structure's mount, deg, normal; absent: 0, 1, 5.",
-        examples=[[0.0, 1.0, 5.0]],
-    )
+    ] = Field(None, examples=[[0.0, 1.0, 5.0]])
+    """Standard deviation of each rotation of the structure's mount, deg, normal; absent: 0, 1, 5."""
     spreads: Annotated[
         Numbers | None,
         Flag("factor on the layout about its centroid (1,0.5,0.2)", name="spread", metavar="F,..."),
-    ] = Field(None, description="Factors on the layout about its centroid; absent: 1, 0.5, 0.2.", examples=[[1.0, 0.5]])
+    ] = Field(None, examples=[[1.0, 0.5]])
+    """Factors on the layout about its centroid; absent: 1, 0.5, 0.2."""
     counts: Annotated[
         Counts | None,
         Flag("fiducials kept, far apart (all, two thirds, 7)", name="count", metavar="N,..."),
-    ] = Field(None, description="Numbers of fiducials kept, far apart; absent: all, two thirds, 7.", examples=[[12, 8]])
-    target: Annotated[str | None, Flag("target (default: the one with the largest P95)")] = Field(
-        None, description="Name of the target; absent: the one with the largest P95."
-    )
-    error: PointError = Field("tcp", description="Which error.")
-    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] = Field(2**14, description="Trials of each point.")
-    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of every point.")
+    ] = Field(None, examples=[[12, 8]])
+    """Numbers of fiducials kept, far apart; absent: all, two thirds, 7."""
+    target: Annotated[str | None, Flag("target (default: the one with the largest P95)")] = None
+    """Name of the target; absent: the one with the largest P95."""
+    error: PointError = "tcp"
+    """Which error."""
+    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] = 2**14
+    """Trials of each point."""
+    seed: Annotated[Seed, Flag("seed")] = 0
+    """Seed of every point."""
 
 
 OPERATION = study_operation(

@@ -23,9 +23,12 @@ if TYPE_CHECKING:
 class PlacementOptions(Options):
     """Which error counts, and where each search begins."""
 
-    error: PointError = Field("tcp", description="Which error.")
-    starts: Annotated[int, Field(ge=1, le=64)] = Field(4, description="Layouts that each search begins with.")
-    seed: Seed = Field(0, description="Seed of these layouts.")
+    error: PointError = "tcp"
+    """Which error."""
+    starts: Annotated[int, Field(ge=1, le=64)] = 4
+    """Layouts that each search begins with."""
+    seed: Seed = 0
+    """Seed of these layouts."""
 
 
 def _check(request: Request) -> None:

@@ -22,13 +22,12 @@ if TYPE_CHECKING:
 class ViewOptions(Options):
     """How far views turn, and which error counts."""
 
-    cone_deg: Annotated[float, Field(ge=1, le=90)] = Field(
-        30.0, description="How far each view turns from where it is designed, deg."
-    )
-    step_deg: Annotated[float, Field(ge=0.1, le=90)] = Field(
-        10.0, description="Step of the maps, deg; at most 15 of them from the middle to the edge."
-    )
-    error: PointError = Field("tcp", description="Which error.")
+    cone_deg: Annotated[float, Field(ge=1, le=90)] = 30.0
+    """How far each view turns from where it is designed, deg."""
+    step_deg: Annotated[float, Field(ge=0.1, le=90)] = 10.0
+    """Step of the maps, deg; at most 15 of them from the middle to the edge."""
+    error: PointError = "tcp"
+    """Which error."""
 
 
 def _check(request: Request) -> None:

@@ -21,15 +21,16 @@ if TYPE_CHECKING:
 class WorkspaceOptions(Options):
     """Which poses are drawn, and what they are held to."""
 
-    poses: Annotated[int, Field(ge=100, le=1_000_000)] = Field(10_000, description="Poses that are drawn.")
-    reach_deg: Annotated[float, Field(ge=0.1, le=360)] = Field(
-        30.0, description="How far each joint is from the pose of the shots at most, deg; a slide, mm."
-    )
-    limit_mm: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
-        None, description="Limit of P95 of the error at the tool, mm; absent: the tightest that the design requires."
-    )
-    target: str | None = Field(None, description="Name of the target; absent: the first.")
-    seed: Seed = Field(0, description="Seed of the poses.")
+    poses: Annotated[int, Field(ge=100, le=1_000_000)] = 10_000
+    """Poses that are drawn."""
+    reach_deg: Annotated[float, Field(ge=0.1, le=360)] = 30.0
+    """How far each joint is from the pose of the shots at most, deg; a slide, mm."""
+    limit_mm: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Limit of P95 of the error at the tool, mm; absent: the tightest that the design requires."""
+    target: str | None = None
+    """Name of the target; absent: the first."""
+    seed: Seed = 0
+    """Seed of the poses."""
 
 
 def _check(request: Request) -> None:

@@ -37,17 +37,17 @@ NO_TRIALS = "ask for check verification, or leave trials out"
 class Axis(Options):
     """One number of the design and the values that it takes: a list, or a range."""
 
-    pointer: Annotated[str, Field(min_length=1, max_length=500)] = Field(
-        description="JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of "
-        "names, views.AP.fiducial_noise_px; * stands for every element.",
-        examples=["/views/0/fiducial_noise_px"],
-    )
-    values: Annotated[list[float], Field(min_length=1)] | None = Field(
-        None, description="The values, in this order.", examples=[[0.1, 0.2, 0.4]]
-    )
-    start: float | None = Field(None, description="First value of a range.")
-    stop: float | None = Field(None, description="Last value of a range, included.")
-    count: Annotated[int, Field(ge=1)] | None = Field(None, description="Number of values of a range, evenly spaced.")
+    pointer: Annotated[str, Field(min_length=1, max_length=500)] = Field(examples=["/views/0/fiducial_noise_px"])
+    """JSON pointer to a number of the design as it was sent, /views/0/fiducial_noise_px, or a path of names,
+    views.AP.fiducial_noise_px; * stands for every element."""
+    values: Annotated[list[float], Field(min_length=1)] | None = Field(None, examples=[[0.1, 0.2, 0.4]])
+    """The values, in this order."""
+    start: float | None = None
+    """First value of a range."""
+    stop: float | None = None
+    """Last value of a range, included."""
+    count: Annotated[int, Field(ge=1)] | None = None
+    """Number of values of a range, evenly spaced."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Axis:
@@ -89,19 +89,16 @@ class SweepOptions(Options):
     """What varies, and what is computed at each point."""
 
     axes: Annotated[list[Axis], Field(min_length=1, max_length=6), AXES] = Field(
-        description="Numbers of the design that vary; every combination of their values is a point.",
-        examples=[[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.4]}]],
+        examples=[[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.4]}]]
     )
-    check: Annotated[Literal["score", "verification"], Flag("what is computed")] = Field(
-        "score", description="What is computed at each point."
-    )
-    trials: Annotated[Count | None, Flag("trials of each verification")] = Field(
-        None, description="Trials at each point, for check verification; absent: to the solver's own precision."
-    )
+    """Numbers of the design that vary; every combination of their values is a point."""
+    check: Annotated[Literal["score", "verification"], Flag("what is computed")] = "score"
+    """What is computed at each point."""
+    trials: Annotated[Count | None, Flag("trials of each verification")] = None
+    """Trials at each point, for check verification; absent: to the solver's own precision."""
     max_trials: Annotated[MostTrials, Flag("without --trials: stop each verification after so many")] = MAX_TRIALS
-    seed: Annotated[Seed, Flag("seed of every verification")] = Field(
-        0, description="Seed of every check: one for all points, which then differ by their designs alone."
-    )
+    seed: Annotated[Seed, Flag("seed of every verification")] = 0
+    """Seed of every check: one for all points, which then differ by their designs alone."""
 
     @model_validator(mode="after")
     def _trials_of_a_check(self) -> SweepOptions:

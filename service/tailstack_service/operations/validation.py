@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field
-
 from tailstack.errors import TailstackError
 from tailstack.results import Finding, GlobalBound, Relaxation, ViewCheck, WorthyPlace
 from tailstack.results.record import Published
@@ -36,11 +34,9 @@ BOUND_SECONDS = 3.0  # for each design; the demo takes 1, one with six uniform h
 class ValidationOptions(Options):
     """Whether more is asked than that a design can be read, and its geometry is sound."""
 
-    bound: bool = Field(
-        default=False,
-        description="Say what error no layout within the `optimise` section could undercut, proved of the estimate: "
-        "whether its limits can be kept at all. And where in it fiducials tell most.",
-    )
+    bound: bool = False
+    """Say what error no layout within the `optimise` section could undercut, proved of the estimate: whether its limits
+    can be kept at all. And where in it fiducials tell most."""
 
     def seconds(self, sizes: Iterable[Size]) -> float:
         return super().seconds(size._replace(targets=0) for size in sizes) + self.bound * BOUND_SECONDS

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import Field
-
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
@@ -22,9 +20,8 @@ if TYPE_CHECKING:
 class VerificationOptions(CheckOptions):
     """How a check samples, and by which estimator."""
 
-    method: Literal["plain", "radial"] = Field(
-        "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
-    )
+    method: Literal["plain", "radial"] = "plain"
+    """plain: order statistics of the trials. radial: conditional on the direction."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
