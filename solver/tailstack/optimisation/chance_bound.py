@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from ..tail.declared import LinearLaw, lattice_columns
-from ..tail.lattice import Accuracy, balls, build, on_principal_axes
+from ..tail.lattice import Accuracy, balls, build, on_principal_axes, sines, sum_of_products
 
 ACCURACY = Accuracy(5e-9, 1e-8, 6e4)
 ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of it, as slopes are off by as much
@@ -76,18 +77,16 @@ def _chords(
     """
     middles = corners.sum(axis=1)
     middles /= np.linalg.norm(middles, axis=1, keepdims=True)
-    waves = k @ unit
-    along = middles @ waves.T
-    risen = (terms[:, :, None] * waves).transpose(1, 0, 2).reshape(len(k), -1)
+    waves = np.ascontiguousarray((k @ unit).T)
     alpha = np.repeat(np.log(terms.sum(axis=1) + error)[:, None], len(corners), axis=1)
     rate = np.zeros_like(alpha)
     for begin, end in pairwise(radii):
         at = (begin + end) / 2
         near = np.linalg.norm(at * middles @ unit.T, axis=1) <= away_mm
         if near.any():
-            value = terms @ np.cos(at * along[near]).T + error
-            slope = -(np.sin(at * along[near]) @ risen).reshape(near.sum(), len(terms), 3).transpose(1, 0, 2)
-            slope /= np.maximum(value, LEAST)[:, :, None]
+            told = sum_waves(waves, terms, at * middles[near])
+            value = told[:, :, 0] + error
+            slope = told[:, :, 1:] / np.maximum(value, LEAST)[:, :, None]
             falls = -np.einsum("rta,tva->rtv", slope, corners[near]).max(axis=2)
             good = (value > LEAST) & (falls > 0)  # elsewhere the tangent before holds as well
             touched = np.log(np.maximum(value, LEAST)) - at * np.einsum("rta,ta->rt", slope, middles[near])
@@ -95,6 +94,26 @@ def _chords(
                 np.where(good, new, old[:, near]) for new, old in ((touched, alpha), (falls, rate))
             )
         yield np.exp(alpha - rate * begin).max(axis=1), np.exp(alpha - rate * end).max(axis=1)
+
+
+@kernel(nogil=True)
+def sum_waves(waves: Array, terms: Array, points: Array) -> Array:
+    """(R, P, 4): at each of P points (P, 3) the sums of terms (R, n) times the cosines of ``wave . point``, waves
+    (3, n), and the slopes of these sums by the point."""
+    rows, count = terms.shape
+    found, seen = np.empty((rows, len(points), 4)), np.empty((4, count))
+    phase, sine = np.empty(count), np.empty(count)
+    for j in range(len(points)):
+        for i in range(count):
+            phase[i] = waves[0, i] * points[j, 0] + waves[1, i] * points[j, 1] + waves[2, i] * points[j, 2]
+        sines(1.0, phase, sine, seen[0])
+        for a in range(3):
+            for i in range(count):
+                seen[a + 1, i] = -waves[a, i] * sine[i]
+        for r in range(rows):
+            for a in range(4):
+                found[r, j, a] = sum_of_products(terms[r], seen[a])
+    return found
 
 
 def _most_within(m: float, t: Array, whole: float, low: Array, high: Array) -> float:
