@@ -207,7 +207,7 @@ def test_no_line_mixes_an_estimate_with_a_simulation() -> None:
 
 @pytest.mark.long
 def test_no_line_of_any_design_mixes_an_estimate_with_a_simulation() -> None:
-    assert len(NAMES) == 22
+    assert len(NAMES) == 23
     look_at(NAMES)
 
 

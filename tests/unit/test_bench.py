@@ -116,8 +116,8 @@ def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> 
     names = [line.split()[0] for line in done.stdout.partition("rows by name:\n")[2].splitlines()]
     assert list(dict.fromkeys(names)) == [
         "trials", "pose", "pose-with-prior", "reprojection", "agreement", "threads", "precision", "first-order",
-        "losses", "allocations", "designs", "memory", "designs-memory", "people-tables", "fiducials", "optimiser",
-        "post", "drag", "api-processes", "unit", "first-score", "start", "gate", "growth", "report",
+        "losses", "allocations", "designs", "workspace", "memory", "designs-memory", "people-tables", "fiducials",
+        "optimiser", "post", "drag", "api-processes", "unit", "first-score", "start", "gate", "growth", "report",
     ]  # fmt: skip
     refused = call("trails")
     assert refused.returncode == 2

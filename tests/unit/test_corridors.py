@@ -283,7 +283,7 @@ OF_EACH = {"risk": "per_mounting", "min_yield": 0.95}
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("shape", "own", "noise_px", "limit_mm"),
-    [({}, {}, 2.5, 1.8), ({}, OF_EACH, 1.5, 2.0), ({"corridor_entry_mm": 1.5}, OF_EACH, 1.5, 2.0)],
+    [({}, {}, 2.5, 1.8), ({}, OF_EACH, 1.5, 1.6), ({"corridor_entry_mm": 1.5}, OF_EACH, 1.5, 1.6)],
 )
 def test_millimetres_degrees_and_breaches_are_kept_at_once(
     shape: Any, own: Any, noise_px: float, limit_mm: Any
