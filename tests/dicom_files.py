@@ -21,7 +21,8 @@ def write_image(syntax: UID = ExplicitVRLittleEndian, sop: str = XA, **changes: 
     meta = pydicom.dataset.FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = UID(sop), UID("1.2.3")
     meta.TransferSyntaxUID = syntax
-    data = pydicom.dataset.FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
+    data = pydicom.Dataset()
+    data.file_meta = meta
     data.SOPClassUID, data.PatientName, data.PatientID = UID(sop), PATIENT, PATIENT
     data.OtherPatientIDsSequence = [pydicom.Dataset()]
     data.OtherPatientIDsSequence[0].PatientID = PATIENT

@@ -19,7 +19,7 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from math import cos, isfinite, radians, sin
 from typing import Any
@@ -261,7 +261,13 @@ def convert_shots(
     if callable(base) and len(shots) < 2:
         raise _refusal(files[0][1], "one image is one view, and a design has two at least", "give the other image, too")
     data, notes = place_shots(base(shots) if callable(base) else base, shots)
-    design = load_design(data, limits=limits)
+    try:
+        design = load_design(data, limits=limits)
+    except DesignError as error:
+        named = {f"/views/{k}": shot.file for k, shot in enumerate(shots)}  # the file that says so
+        sources = [named.get("/".join(each.pointer.split("/")[:3])) for each in error.problems]
+        placed = [replace(each, file=file) for each, file in zip(error.problems, sources, strict=True)]
+        raise DesignError(placed) from None
     return Conversion(write_data(design_to_data(design), design.fiducials, target_name), notes, design.fiducials)
 
 
@@ -293,6 +299,8 @@ def place_shots(base: Design, shots: Sequence[Shot]) -> tuple[dict[str, Any], tu
         turned = "" if shot.is_flipped else "; columns of the view run against those of the image"
         notes.append(f"{views[k]['name']} is {shot.file}: {shot.words}{turned}")
         notes += [f"{shot.file}: {doubt}" for doubt in shot.doubts]
+    if len({(shot.pixel_mm, shot.image_size_px) for shot in shots}) > 1:
+        notes.append("pixels or sizes of the images differ: are they of one C-arm, and was none of them scaled?")
     if left := [view["name"] for view in views[len(shots) :]]:
         notes.append(f"as in the base: {', '.join(left)}")
     data = follow_changes(old, {**old, "views": views})
