@@ -525,13 +525,13 @@ class Optimise(Record):
             raise refusal(
                 "unsupported", f"grades go with objective: cost; it is {self.goal}", at=f"tolerances/{graded[0]}"
             )
-        if graded and (self.rotation_bounds or self.translation_bounds or len(graded) < len(self.tolerances)):
-            raise refusal(
-                "unsupported",
-                "every free tolerance is chosen from grades, or none",
-                "give the others grades too: a cost curve is one of its values at some half-widths",
-                at=f"tolerances/{graded[0]}",
-            )
+        between = [name for name in ("rotation_bounds", "translation_bounds") if getattr(self, name)]
+        between += [f"tolerances/{index}" for index in range(len(self.tolerances)) if index not in graded]
+        if graded and between:
+            detail = f"every free tolerance is chosen from grades, as tolerances/{graded[0]} is, or none"
+            cure = "give grades here too, the values of its cost curve at some half-widths"
+            cure = cure if between[0].startswith("tol") else f"leave {between[0]} out, or give each of them grades"
+            raise refusal("unsupported", detail, cure, at=between[0])
 
     def _check_price(self, cost_per_mm: float) -> None:
         """A price of moving is weighed against the cost of tolerances, by a programme with slopes."""
