@@ -28,11 +28,15 @@ _BOUND = re.compile(  # one number of a drawing: sign, value, unit, and a word
 )
 _QUANTITY = re.compile(r"\s*([-+]?(?:(?:0|[1-9]\d*)\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,:_][^\d]*?\d?)?\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
-_DIAMETER = re.compile(r"\s*[Ø⌀]\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*")
+_DIAMETER = re.compile(  # as a drawing has one: sign, number, fit or maximum material, datums
+    r"\s*([Ø⌀])?\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*(?:(\(M\)|Ⓜ)|([A-Za-z]{1,2}\d{1,2}(?:\s*/\s*[a-z]{1,2}\d{1,2})?))?(?:[\s|]+[A-Z])*\s*"
+)
+_FRACTION = re.compile(r"""(?:(\d+)[ -])?(\d+)/([1-9]\d*)(?=\s*(?:in\b|["″”]))""")
 _MARKS = re.compile(  # of degrees, minutes, seconds or inches
     r"""\s*(?:(\d+(?:\.\d+)?)\s*°)?\s*(?:(\d+(?:\.\d+)?)\s*['′’])?\s*(?:(\d*\.?\d+)\s*["″”])?\s*"""
 )
-_PAIR = re.compile(r"\s*(±|\+/-)?\s*([-+]?\s*\d*\.?\d+)(?:\s*[/;,x× ]\s*([-+]?\s*\d*\.?\d+))?\s*(?:mm)?\s*")
+_LENGTH = r"""([-+]?\s*\d*\.?\d+)\s*(mm|in|um|µm|μm|["″”])?"""
+_PAIR = re.compile(rf"\s*(±|\+/-)?\s*{_LENGTH}(?:\s*[\s/;,x×*]\s*{_LENGTH})?\s*")
 _LIMITS = ("height_mm", "hole_mm", "pin_mm")
 _LARGEST_PERCENT = 100.0
 _LONGEST_SLIP = 60  # characters; what is longer is no number that somebody typed
@@ -132,8 +136,16 @@ def _cure_zone_text(text: str, field: str) -> str:
 
 def _cure_marks(text: str, field: str) -> str:
     """``6'``, ``0°6'30"`` and ``0.001"`` as numbers of this field's unit, ``Ø6`` without its sign; empty for others."""
-    if (match := _DIAMETER.fullmatch(text)) and "diameter" in field:
-        return f"the number alone: write {match[1]}"
+    drawn = _DIAMETER.fullmatch(text) if re.search("diameter|true_position", field) else None
+    if drawn and (drawn[1] or drawn[3] or drawn[4]):
+        rest = (
+            "; (M) is at_maximum_material: true"
+            if drawn[3]
+            else f"; {drawn[4]} goes under fit, as H7/g6"
+            if drawn[4]
+            else ""
+        )
+        return f"the number alone: write {drawn[2]}{rest}"
     match = _MARKS.fullmatch(text)
     if match is None or not (match[2] or match[3]):
         return ""
@@ -145,18 +157,22 @@ def _cure_marks(text: str, field: str) -> str:
 
 
 def cure_pair(value: Any, field: str) -> str:
-    """Limits of a drawing (``+0.02/-0``, ``±0.01``) and sides (``80 x 60``) as a list; empty for others."""
-    match = _PAIR.fullmatch(str(value)[:_LONGEST_SLIP])
-    if match is None or field not in ("size_mm", *_LIMITS):
+    """Limits of a drawing (``+0.02/-0``, ``±0.01``) and sides (``80 x 60``), in mm or not, as a list."""
+    if field not in ("size_mm", *_LIMITS):
         return ""
-    first, second = (None if each is None else float(re.sub(r"\s", "", each)) for each in match.groups()[1:])
-    if first is None or (field == "size_mm" and second is None):
-        return ""
-    if field == "size_mm":
-        return f"write [{first:g}, {second:g}]"
-    if second is None:
-        second = 0.0 if match[2][0] in "+-" and not match[1] else -first
-    return f"limits are [upper, lower]: write [{max(first, second) + 0.0:g}, {min(first, second) + 0.0:g}]"
+    shape = "sides are [along, across]" if field == "size_mm" else "limits are [upper, lower]"
+    text = re.sub("[−–]", "-", str(value)[:_LONGEST_SLIP])
+    match = _PAIR.fullmatch(text if field == "size_mm" else text.replace(",", "."))
+    if match is None or (field == "size_mm" and match[4] is None):
+        return f"{shape}, mm"
+    unit = match[5] or match[3] or "mm"
+    factor = {"m": 1.0, "u": 1e-3, "µ": 1e-3, "μ": 1e-3}.get(unit[0], 25.4)
+    first, *others = (factor * float(re.sub(r"\s", "", each)) for each in (match[2], match[4]) if each)
+    if field != "size_mm":
+        second = others[0] if others else 0.0 if match[2][0] in "+-" and not match[1] else -first
+        first, others = max(first, second) + 0.0, [min(first, second) + 0.0]
+    said = "" if unit == "mm" else f"1{' ' if unit.isalpha() else ''}{unit} is {factor:g} mm: "
+    return f"{shape}: {said}write [{first:.9g}, {others[0]:.9g}]"
 
 
 def _cure_thousands(text: str) -> str:
@@ -176,6 +192,7 @@ def cure_text(text: str, field: str) -> str:
     """What to write instead of a text where a number is wanted; empty where the text tells nothing or is no slip."""
     if len(text) > _LONGEST_SLIP:
         return ""
+    text = _FRACTION.sub(lambda each: f"{int(each[1] or 0) + int(each[2]) / int(each[3]):.9g}", text)
     if cure := _cure_zone_text(text, field) or _cure_thousands(text) or _cure_marks(text, field):
         return cure
     if match := _COMMA.fullmatch(text):
@@ -205,7 +222,7 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
     """What to write instead of a number below ``least`` or above ``most``; empty where nothing is likely."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return ""
-    if most is not None and most <= 1 < value <= _LARGEST_PERCENT:
+    if most is not None and most <= 1 < value <= _LARGEST_PERCENT and read_name(field).unit is None:
         return f"it is a fraction: {value:g} % is {value / 100:.6g}"
     if least is not None and field.endswith("_mm") and least >= 1 and least <= 1000 * value < 1000 * least:
         return f"it is in mm: {value:g} m is {value * 1000:g} mm"

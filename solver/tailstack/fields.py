@@ -18,6 +18,7 @@ from math import hypot, inf
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -181,7 +182,12 @@ Entry = Annotated[float, Field(ge=-1e12, le=1e12)]  # of a projection matrix
 # Lists arrive as lists; strictness stays on for what they hold.
 _lenient = Field(strict=False)
 Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient, PLACE_MM]
-Direction = Annotated[tuple[Unit, Unit, Unit], _lenient, DIRECTION]
+Direction = Annotated[
+    tuple[Unit, Unit, Unit],
+    _lenient,
+    AfterValidator(lambda way: way if hypot(*way) > 1e-100 else (0.0, 0.0, 0.0)),  # whose square is none
+    DIRECTION,
+]
 Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient, MATRIX]
 HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
 Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]

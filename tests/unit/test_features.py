@@ -88,9 +88,14 @@ def test_tables_follow_the_formulas_of_the_standard():
         ({"name": "face"}, "duplicate-name", "face"),
         ({"diameter_mm": "Ø6"}, "wrong-type", "write 6"),
         ({"true_position_mm": '0.002"'}, "wrong-type", "write 0.0508"),
-        ({"fit": None, "hole_mm": "+0.012/-0", "pin_mm": [0, 0]}, "wrong-type", "write [0.012, 0]"),
+        ({"along": [1e-320, 0, 0]}, "zero-direction", "at an angle"),
+        ({"true_position_mm": "Ø0.05 (M) A B"}, "wrong-type", "write 0.05; (M) is at_maximum_material: true"),
+        ({"diameter_mm": "6 H7/g6"}, "wrong-type", "write 6; H7/g6 goes under fit"),
+        ({"diameter_mm": '1 1/4"'}, "wrong-type", "write 31.75"),
+        ({"fit": None, "hole_mm": "+0,012/−0", "pin_mm": [0, 0]}, "wrong-type", "write [0.012, 0]"),
+        ({"fit": None, "hole_mm": '+.0005"/-0', "pin_mm": [0, 0]}, "wrong-type", '1" is 25.4 mm: write [0.0127, 0]'),
         ({"fit": None, "hole_mm": "±0.01", "pin_mm": [0, 0]}, "wrong-type", "write [0.01, -0.01]"),
-        ({"fit": None, "hole_mm": "+0.02", "pin_mm": [0, 0]}, "wrong-type", "write [0.02, 0]"),
+        ({"fit": None, "hole_mm": "+20 µm", "pin_mm": [0, 0]}, "wrong-type", "write [0.02, 0]"),
         ({"kind": "pad", "size_mm": "80 x 60"}, "wrong-type", "write [80, 60]"),
     ],
 )
@@ -111,7 +116,8 @@ def test_one_sided_limits_become_a_middle_and_a_half_width():
 
 @pytest.mark.parametrize("ratio", [0.11, 0.2, 0.2357, 0.2886, 0.304, 0.4, 0.41, 0.5, 0.57, 1 / np.sqrt(3)])
 def test_sums_have_the_reach_and_the_spread_asked_for(ratio):
-    """closed_form: variances h^2 / 3 and h^2 / 6."""
+    """closed_form: variances h^2 / 3 and h^2 / 6; of a zone whose square is none, nothing."""
+    assert spread_sum(1e-300, 1e-300 * ratio) == []
     parts = spread_sum(2.0, 2.0 * ratio)
     assert sum(width for _, width in parts) == pytest.approx(2.0)
     variance = sum(width**2 / (3 if law == "uniform" else 6) for law, width in parts)

@@ -113,6 +113,8 @@ def test_poses_that_say_nothing_are_refused_by_name(tmp_path: Path) -> None:
     cases: list[tuple[tuple[Any, ...], str]] = [
         ((flanges[:5], tools[:5]), "too-few"), ((about_z, np.linalg.inv(TRACKER) @ about_z @ TOOL), "one-axis"),
         ((flanges, np.linalg.inv(tools)), "poses-disagree"),
+        ((flanges * [1, 1, 1, 1e-3], tools * [1, 1, 1, 1e-3]), "implausible"),
+        ((flanges, tools * [1, 1, 1, 1e290]), "implausible"),
         ((flanges, tools, header.replace("tool_qx", "q")), "csv-header"),
         ((flanges, tools, header.replace("tool_x_mm", "tool_x")), "no-unit"),
     ]  # fmt: skip

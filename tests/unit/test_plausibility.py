@@ -67,6 +67,8 @@ WARM = {"difference_k": 10, "structure_expansion_um_per_m_k": 47, "connector_exp
 THEATRE = replaced(replaced(DEMO, ("temperature",), WARM), ("fiducials", "diameter_mm"), 3)
 THEATRE = replaced(THEATRE, ("views", 1, "intrinsics_prior"), {"focal_rel_sd": 0.01, "principal_point_px_sd": 10})
 THEATRE["views"][1]["intrinsics_error"] = {"focal": {"bias_rel": 0, "half_width_rel": 0.01, "distribution": "normal"}}
+ARM = {"joints": [{"name": "turn"}], "joints_imaging_deg": [0], "joints_executing_deg": [0]}
+THEATRE = replaced(THEATRE, ("execution", "robot"), ARM)
 CASES = [
     ("ball-size", ("fiducials", "diameter_mm"), 0.003, 0.3, "If metres were meant, write 3"),
     ("ball-size", ("fiducials", "diameter_mm"), 30, 15, "in one place"),
@@ -99,6 +101,7 @@ CASES = [
     ("angle-in-radians", ("transforms", "T_tcp_flange", "rotation_deg", 2), -1.5708, -90, "Write -90"),
     ("angle-in-radians", ("transforms", "T_flange_con", "rotation_deg", 0), 0.785, 0.8, "Write 45"),
     ("angle-in-radians", (*SEAT, "bias", "rz_deg"), 3.14, 3.1, "Write 180"),
+    ("angle-in-radians", ("execution", "robot", "joints_imaging_deg", 0), 1.57, 1.6, "Write 90"),
 ]
 
 

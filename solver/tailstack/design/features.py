@@ -93,13 +93,19 @@ class Stated(NamedTuple):
     half_width: float
 
 
+_HELD = {  # fields of numbers that a process holds, and what they are of
+    **{f"{zone}_mm": zone for zone in ("flatness", "parallelism", "profile", "height", "hole", "pin")},
+    "true_position_mm": "position",
+}
+
+
 def spread_sum(half_width: float, std: float) -> list[tuple[str, float]]:
     """Laws and half-widths of independent scalars whose sum reaches ``half_width`` and has ``std``, both exactly.
 
     Of n scalars of one law one is A wide and the others B: ``A + (n - 1) B = 1``, ``A^2 + (n - 1) B^2 = q``, which has
     a solution for 1/n <= q <= 1; uniform ones have q = 3 std^2 / half_width^2, triangular ones twice that.
     """
-    if half_width <= 0:
+    if std <= 1e-100:
         return []
     law, q = "uniform", 3 * (std / half_width) ** 2
     if q <= 0.5:
@@ -161,8 +167,11 @@ class _Feature(Record):
         return np.zeros(len(self.contacts))
 
     def numbers(self) -> Iterator[Stated]:
-        """Its numbers that a process holds."""
-        raise NotImplementedError
+        """Its numbers that a process holds, in the order of their fields."""
+        for field in filter(_HELD.get, type(self).model_fields):
+            if (value := getattr(self, field)) is not None:
+                width = Deviations(*value).width if isinstance(value, tuple) else value
+                yield Stated(_HELD[field], field, width / 2)
 
     @property
     def words(self) -> str:
@@ -216,12 +225,6 @@ class Pad(_Feature):
     @property
     def offset(self) -> Array:
         return np.full(3, 0.0 if self.height_mm is None else Deviations(*self.height_mm).middle)
-
-    def numbers(self) -> Iterator[Stated]:
-        name, t = self._zone
-        yield Stated(name, f"{name}_mm", t / 2)
-        if self.height_mm is not None:
-            yield Stated("height", "height_mm", Deviations(*self.height_mm).width / 2)
 
     @property
     def words(self) -> str:
@@ -306,11 +309,9 @@ class FittedFeature(_Feature):
         raise NotImplementedError
 
     def numbers(self) -> Iterator[Stated]:
-        hole, pin = self.limits
-        yield Stated("hole", "fit" if self.fit is not None else "hole_mm", hole.width / 2)
-        yield Stated("pin", "fit" if self.fit is not None else "pin_mm", pin.width / 2)
-        if self.true_position_mm is not None:
-            yield Stated("position", "true_position_mm", self.true_position_mm / 2)
+        for size, limits in zip(("hole", "pin"), self.limits, strict=True) if self.fit is not None else ():
+            yield Stated(size, "fit", limits.width / 2)
+        yield from super().numbers()
 
     @property
     def words(self) -> str:
@@ -394,9 +395,6 @@ class Vee(_Feature):
     def items(self) -> Iterator[FeatureItem]:
         yield FeatureItem("profile", tuple(Part(self.distribution, self.profile_mm / 2, flank) for flank in np.eye(2)))
 
-    def numbers(self) -> Iterator[Stated]:
-        yield Stated("profile", "profile_mm", self.profile_mm / 2)
-
     @property
     def words(self) -> str:
         return f"vee: profile {self.profile_mm:g}"
@@ -420,9 +418,6 @@ class RestPoint(_Feature):
     @property
     def offset(self) -> Array:
         return np.array([Deviations(*self.height_mm).middle])
-
-    def numbers(self) -> Iterator[Stated]:
-        yield Stated("height", "height_mm", Deviations(*self.height_mm).width / 2)
 
     @property
     def words(self) -> str:

@@ -18,6 +18,7 @@ MOST_POSES = 500
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 COLUMNS = tuple(f"{frame}_{number}" for frame in ("flange", "tool") for number in NUMBERS)
 UNIT = 1e-3  # by which the length of a quaternion may differ from 1
+NEAREST_MM, FARTHEST_MM = 10.0, 1e5  # what an arm moves, and is moved in
 
 
 def read_pose_pairs(content: bytes, name: str, T_tcp_flange: Array) -> tuple[Array, Tolerances, str]:
@@ -38,6 +39,10 @@ def read_pose_pairs(content: bytes, name: str, T_tcp_flange: Array) -> tuple[Arr
     if len(poses) > MOST_POSES:
         raise table.refuse("too-many", f"{len(poses)} pairs of poses; at most {MOST_POSES} are read")
     flanges, tools = (_poses_of(each) for each in np.hsplit(np.array(poses).reshape(-1, 14), 2))
+    far = [float(np.abs(each[:, :3, 3]).max(initial=0.0)) for each in (flanges, tools)]
+    if poses and not (min(far) >= NEAREST_MM and max(far) <= FARTHEST_MM):
+        detail = f"flanges are up to {far[0]:.3g} mm from their frame, tools {far[1]:.3g} mm"
+        raise table.refuse("implausible", detail, "of numbers in m: flange_x_m, ..., tool_z_m", table.header_line)
     fit = fit_hand_eye(flanges, tools)
     seen = T_tcp_flange @ fit.tool_in_flange
     turned = np.kron(np.eye(2), seen[:3, :3]) * np.repeat([np.degrees(1.0), 1.0], 3)[:, None]

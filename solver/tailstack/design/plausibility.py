@@ -329,6 +329,9 @@ def _list_angles(document: DesignDocument) -> Iterator[tuple[str, float]]:
         yield from ((f"{at}/rotation_deg/{axis}", angle) for axis, angle in enumerate(pose.rotation_deg or ()))
     for at, bias in _list_biases(document):
         yield from ((f"{at}/{axis}_deg", getattr(bias, f"{axis}_deg")) for axis in ROTATIONS)
+    robot = getattr(document.execution, "robot", None)
+    for field in ("joints_imaging_deg", "joints_executing_deg") if robot is not None else ():
+        yield from ((f"/execution/robot/{field}/{k}", angle) for k, angle in enumerate(getattr(robot, field)))
 
 
 def _doubt_quaternions(subject: Subject) -> Iterator[Doubt]:

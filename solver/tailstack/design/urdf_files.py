@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from ..effects.robot import MOST_LINKS, ArmJoint, UrdfChain
 from ..errors import DesignError, Problem
 from .reading import decode
+from .refusals import describe_value
 
 ENDING = ".urdf"
 MOST_BYTES = 2_000_000
@@ -76,10 +77,11 @@ def _attribute(joint: ElementTree.Element, tag: str, field: str, name: str, defa
 def _numbers(joint: ElementTree.Element, tag: str, field: str, default: str, name: str) -> list[float]:
     text = _attribute(joint, tag, field, name, default)
     try:
-        return [float(word) for word in text.split()]
+        x, y, z = map(float, text.split())
     except ValueError:
         which = f"<{tag} {field}> of joint {joint.get('name')!r:.60}"
         raise _refuse(name, "wrong-type", f"{which} is three numbers; got {text!r:.60}") from None
+    return [x, y, z]
 
 
 def _read_joint(joint: ElementTree.Element, file: str) -> ArmJoint:
@@ -97,5 +99,6 @@ def _read_joint(joint: ElementTree.Element, file: str) -> ArmJoint:
         return ArmJoint.model_validate(stated)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        at = " ".join(["joint", repr(name)[:60], *map(str, first["loc"])])
-        raise _refuse(file, "wrong-joint", f"{at}: {first['msg']}") from None
+        at = " ".join(["joint", repr(name)[:60], *map(str, first["loc"][:1])])
+        detail, cure = describe_value(first, first["loc"]).detail, "xyz is in m, rpy in rad"
+        raise _refuse(file, "wrong-joint", f"{at}: {detail}", "" if "name" in first["loc"] else cure) from None
