@@ -89,6 +89,7 @@ def test_a_design_to_another_form_and_to_its_beads(client: httpx.Client) -> None
         ({"format": "csv", "content": CSV, "to": "pdf"}, 422, "invalid-request", "/to"),
         ({"format": "csv", "content": CSV, "url": "http://127.0.0.1/"}, 422, "invalid-request", "/url"),
         ({"format": "csv", "content": CSV, "frame": "CON"}, 422, "invalid-request", "/frame"),
+        ({"format": "csv", "content": CSV, "files": {"a.csv": CSV}}, 422, "invalid-request", "/files"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_converted(client: httpx.Client, body: Any, status: int, slug: str, pointer: str) -> None:
@@ -145,6 +146,21 @@ def test_a_drawing_becomes_a_seat_and_is_read_from_no_disk(client: httpx.Client)
     assert refused.status_code == 422
     assert refused.json()["errors"][0]["pointer"] == "/interfaces/structure_connector/drawing"
     assert "tailstack convert" in refused.json()["errors"][0]["hint"]
+
+
+@pytest.mark.parametrize("name", ["seat_from_cad", "robot_arm", "hand_eye_poses"])
+def test_files_that_a_design_names_come_with_it(client: httpx.Client, name: str) -> None:
+    """independent: the design that the command reads, with the files beside it."""
+    path = EXAMPLES / "gallery" / f"{name}.yaml"
+    design = load_design(path)
+    files = {each: (path.parent / each).read_text(encoding="utf-8") for each in design.files}
+    body = {"format": "yaml", "content": path.read_text(encoding="utf-8"), "files": files}
+    assert load_design(converted(client.post("/v1/conversions", json=body))["content"]).sha256 == design.sha256
+    *_, last = files
+    for others in ({last: "rubbish"}, {last: ""}, {"x.urdf": ""}):
+        left = {each: text for each, text in files.items() if each != last}
+        refused = client.post("/v1/conversions", json={**body, "files": left | others})
+        assert check_problem(refused, 422, "invalid-design")["errors"][0]["pointer"].startswith("/content/")
 
 
 def test_a_step_file_may_be_longer_than_a_design() -> None:

@@ -241,9 +241,14 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     carrier = {"name": "carrier.step", "base64": base64.b64encode(step).decode()}
     shots = [write_image(), write_image(PositionerPrimaryAngle=87, DistanceSourceToDetector=1234)]
     images = [base64.b64encode(content).decode() for content in shots]
-    gallery = [EXAMPLES / "gallery" / f"seat_from_cad{end}" for end in (".yaml", "_carrier.step", "_connector.step")]
-    seats = [{"name": file.name, "base64": base64.b64encode(file.read_bytes()).decode()} for file in gallery]
-    found = seen(service, "files", files=[*sent, carrier, *seats], images=images)["found"]
+    named = {  # designs and the last of the files that they name
+        "seat_from_cad.yaml": ("seat_from_cad_carrier.step", "seat_from_cad_connector.step"),
+        "robot_arm.yaml": ("ur5e.urdf",),
+        "hand_eye_poses.yaml": ("hand_eye_poses.csv",),
+    }
+    gallery = [EXAMPLES / "gallery" / name for one, others in named.items() for name in (one, *others)]
+    beside = [{"name": file.name, "base64": base64.b64encode(file.read_bytes()).decode()} for file in gallery]
+    found = seen(service, "files", files=[*sent, carrier, *beside], images=images)["found"]
     assert "7 fiducials of beads.csv are in a first design" in found["empty beads.csv"]["words"]
     for page in ("empty", "design"):
         assert "not UTF-8" in found[f"{page} latin.yaml"]["words"]
@@ -255,10 +260,11 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     assert "8 fiducials" in words
     assert "tailstack init" not in words
     assert "limit" not in words
-    for page in ("empty", "design"):  # a file that the design names states the seat, as beside the command
-        drawn = found[f"{page} seat_from_cad_connector.step"]
-        assert load_design(drawn["text"].encode()).sha256 == load_design(gallery[0]).sha256
-        assert "connector_flange as seat_from_cad_connector.step states it" in drawn["words"]
+    for page in ("empty", "design"):  # files that a design names are read as beside the command
+        assert "names seat_from_cad_connector.step, too" in found[f"{page} seat_from_cad_carrier.step"]["words"]
+        for one, (*_, last) in named.items():
+            alone = load_design(found[f"{page} {last}"]["text"].encode(), allow_files=False)
+            assert alone.sha256 == load_design(EXAMPLES / "gallery" / one).sha256
     (tmp_path / "a.dcm").write_bytes(shots[0])
     (tmp_path / "b.dcm").write_bytes(shots[1])
     main(["convert", str(tmp_path / "a.dcm"), str(tmp_path / "b.dcm"), "-o", str(tmp_path / "made.yaml")])

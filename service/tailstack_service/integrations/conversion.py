@@ -8,9 +8,9 @@ import binascii
 import re
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -46,6 +46,7 @@ SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step", "dicom
 SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
 STEP_MEDIA = ("model/step", "application/step")
 IMPLIED: dict[str, SourceFormat] = {"text/csv": "csv", "yaml": "yaml", **dict.fromkeys(STEP_MEDIA, "step")}
+DESIGNS = ("yaml", "json")
 MOST_SHOTS = 16
 BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
 Pattern = Annotated[str, Field(min_length=1, max_length=200)]
@@ -120,7 +121,7 @@ class StepOptions(Options):
         """As the solver takes it."""
         from tailstack.integrations.step import StepSelection
 
-        return StepSelection(*(getattr(self, field) for field in StepOptions.model_fields))
+        return StepSelection(*(getattr(self, name) for name in StepOptions.model_fields))
 
 
 class FileOptions(StepOptions):
@@ -144,6 +145,8 @@ class ConversionOptions(FileOptions):
     """A design whose fiducials, or views, the content replaces; the answer holds it."""
     more: Annotated[list[Annotated[str, Field(min_length=1)]], Field(max_length=MOST_SHOTS - 1)] | None = None
     """dicom: further images in base64; each is a view, in this order."""
+    files: dict[str, str] | None = None
+    """yaml, json: the text of each file that the design names, by that name; it is read into it."""
 
 
 _SOURCE = Field(None, description="What the content is; text/csv, model/step and YAML say it themselves.")
@@ -233,6 +236,7 @@ class Wish:
     base_text: str | None = None  # the YAML of the base, whose comments stay
     more: tuple[tuple[bytes, str], ...] = ()  # content and name of further images
     references: tuple[bytes, str] | None = None  # content and name of the .ref of a cage of XMALab
+    files: Mapping[str, bytes] = field(default_factory=dict)  # that came with a design which names them
 
 
 def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> Made:
@@ -268,8 +272,8 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     unit = wish.options.xmalab
     begins = is_step and wish.base is None and wish.target.lower().endswith(DOCUMENTS)
     made = convert(
-        wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None, limits=limits,
-        selection=wish.options.select(), base=begin if begins else wish.base,
+        wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None,
+        files=wish.files, limits=limits, selection=wish.options.select(), base=begin if begins else wish.base,
         cage=None if unit is None else CageForm(unit, wish.references),
     )  # fmt: skip
     if (wish.base is None and not starts) or not wish.target.lower().endswith(DOCUMENTS):
@@ -300,6 +304,9 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
         detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
         raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
     endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
+    if wish.files and endings[0] not in DESIGNS:
+        detail = f"files go with a design that names them; the content is {endings[0]}"
+        raise RequestError(Problem("/files", "unused-option", detail, "leave it out"))
     if wish.options.xmalab is not None and "csv" not in endings:
         detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
         raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
@@ -362,24 +369,24 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         options: Any = read_options(ConversionOptions, data, ())
         base = None if options.base is None else design_of(data, settings, "base")
         source, place = options.format, "/content"
-        content = (
-            _decode(options.content, place) if source == "dicom" else options.content.encode("utf-8", "surrogatepass")
-        )
+        content = _decode(options.content, place) if source == "dicom" else _encode(options.content)
         more = tuple((_decode(text, f"/more/{k}"), f"more.{k + 1}.dicom") for k, text in enumerate(options.more or ()))
+        files = {name: _encode(text) for name, text in (options.files or {}).items()}
     else:
         options, base, content, place, more = options_of_query(FileQuery, sent.query), None, sent.body, "", ()
+        files = {}
         source = getattr(options, "from") or IMPLIED.get(sent.form)
         if source is None:
             detail, hint = "text/plain does not say which format it is", f"add ?from= one of {', '.join(SOURCES)}"
             raise RequestError(Problem("/from", "missing-parameter", detail, hint))
-    wish = Wish(content, f"content.{source}", f"converted.{options.to}", options, base, None, more)
+    wish = Wish(content, f"content.{source}", f"converted.{options.to}", options, base, None, more, files=files)
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
         if not place and isinstance(error, DesignError):
             error = cure_line_ends(error, sent.body)
         raise RefusedAt.place(error, place) from None
-    stated = [field.name for field in fields(ConvertedTolerance)][:-1]  # the last is where its faces are
+    stated = [each.name for each in fields(ConvertedTolerance)][:-1]  # the last is where its faces are
     record = Conversion(
         schema="tailstack/conversion/1",
         format=options.to,
@@ -395,6 +402,10 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         ),
     )
     return Reception(answer=to_json(record))
+
+
+def _encode(text: str) -> bytes:
+    return text.encode("utf-8", "surrogatepass")
 
 
 def _decode(text: str, place: str) -> bytes:

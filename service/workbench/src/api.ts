@@ -12,7 +12,7 @@ export interface Refusal {
   status: number;
   title: string;
   type: string;
-  errors: { pointer: string; detail: string; hint: string; rule: string }[];
+  errors: { pointer: string; detail: string; hint: string; rule: string; file?: string }[];
 }
 
 export const key = signal<string | null>(null); // in memory only: it is gone with the page
@@ -80,6 +80,7 @@ export function refusalOf(problem: Json, status: number): Refusal {
     detail: String(entry.detail ?? ""),
     hint: String(CURES[entry.code] ?? entry.hint ?? ""),
     rule: String(entry.code ?? ""),
+    file: String(entry.file ?? ""),
   }));
   const title = problem.title ?? `The service answered with ${status}`;
   if (status === 401) errors.splice(0, errors.length, { pointer: "", detail: key.value === null ? "This service asks for an API key." : "The service does not know this key.", hint: "give a key in the field above; whoever runs the service has them", rule: "key" });

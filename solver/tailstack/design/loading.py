@@ -26,7 +26,6 @@ from .document import (
     Interface,
     Interfaces,
     LocatorFile,
-    SeatDrawing,
     TargetFile,
 )
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
@@ -141,6 +140,7 @@ def load_design(
     form: Format = "auto",
     base_directory: Path | None = None,
     allow_files: bool = True,
+    files: Mapping[str, bytes] | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> Design:
     """Load and check a design document.
@@ -148,9 +148,11 @@ def load_design(
     source: a path; or a text with a line break or a leading ``{``, or bytes: the document itself; or plain
     data; or a source that was read before.  ``base_directory`` is what a ``fiducials/file`` is relative to when the
     document did not come from a file.  ``allow_files=False`` refuses such references (a service must not read its own
-    disk for a stranger).  Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
+    disk for a stranger).  ``files``: what those hold that are not read from a disk, by the names that the document has.
+    Raises DesignError or LimitError; each problem has a pointer and, from text, a line.
     """
-    return _check(read_source(source, form=form, base_directory=base_directory, limits=limits), allow_files, limits)
+    read = read_source(source, form=form, base_directory=base_directory, limits=limits)
+    return _check(_FileReader(read, allow_files, limits, files or {}))
 
 
 def read_source(
@@ -188,14 +190,15 @@ def _is_path(text: str) -> bool:
     return len(text) <= 1000 and not ("\n" in text or "\r" in text or text.lstrip()[:1] == "{")
 
 
-def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
+def _check(reader: _FileReader) -> Design:
+    source, limits = reader.source, reader.limits
     data = source.data
     _check_schema_name(source)
     try:
         document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
-    reader, written = _FileReader(source, allow_files, limits), document
+    written = document
     document = reader.with_drawn_seats(document)
     if document.point_files:  # what they hold is judged with the rest of the document
         document = reader.with_points_of_files(document)
@@ -267,14 +270,6 @@ def list_files(data: Any) -> Iterator[str]:
         yield from list_files(each)
 
 
-def list_drawings(document: DesignDocument) -> Iterator[tuple[str, SeatDrawing]]:
-    """Each interface that a file of a drawing states: its name, and which file."""
-    for name in Interfaces.model_fields:
-        interface: Interface | None = getattr(document.interfaces, name)
-        if interface is not None and interface.drawing is not None:
-            yield name, interface.drawing
-
-
 def _fill_in(record: _Filled, named: str, **read: Any) -> _Filled:
     """A record with what a file says, which was judged, in place of the field that named it."""
     filled = record.model_copy(update={named: None, **read})
@@ -308,6 +303,7 @@ class _FileReader:
     source: DocumentSource
     allow_files: bool
     limits: Limits
+    files: Mapping[str, bytes]  # that came with the document, by their names in it
 
     def read(self, name: str, pointer: str) -> FiducialList:
         """The points of a file, as they stand there.  Raises DesignError, LimitError."""
@@ -318,9 +314,11 @@ class _FileReader:
 
     def read_content(self, name: str, endings: tuple[str, ...], most_bytes: int, inline: str) -> bytes:
         """What a file that is there holds; ``inline``: what to do where none can be."""
-        path = _find_file(name, self.source, self.allow_files, inline)
+        path = None if name in self.files else _find_file(name, self.source, self.allow_files, inline)
         if endings == ENDINGS:
             check_ending(name)
+        if path is None:
+            return self.files[name]
         if not path.exists():
             raise DesignError(_describe_missing(name, path, self.source, endings))
         return read_bytes(path, most_bytes, name)
@@ -360,7 +358,10 @@ class _FileReader:
 
     def with_drawn_seats(self, document: DesignDocument) -> DesignDocument:
         """The document with the features that files of drawings state."""
-        for name, drawing in list_drawings(document):
+        for name in Interfaces.model_fields:
+            drawing = getattr(getattr(document.interfaces, name), "drawing", None)
+            if drawing is None:
+                continue
             with self._placing(f"/interfaces/{name}/drawing"):
                 inline = "state its features inline (tailstack convert does)"
                 content = self.read_content(drawing.file, STEP_FILES, MOST_STEP_BYTES, inline)

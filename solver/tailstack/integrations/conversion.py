@@ -46,6 +46,7 @@ def convert(
     *,
     directory: Path | None = None,
     allow_files: bool = True,
+    files: Mapping[str, bytes] | None = None,
     limits: Limits = DEFAULT_LIMITS,
     selection: StepSelection | None = None,
     base: Base | None = None,
@@ -54,8 +55,8 @@ def convert(
     """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
 
     Fiducials are also read from .tsv, and from .json that holds points of 3D Slicer.
-    A design converts to a design that stands alone (a fiducial file it refers to is read in), or to its
-    fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
+    A design converts to a design that stands alone (files it refers to are read in; ``files`` as for ``load_design``),
+    or to its fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
     A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.  Images
     (.dcm) are for ``dicom.convert_shots``.
     With ``base``, a design or what makes one for the fiducials, they replace those of that design, as its seat is
@@ -92,7 +93,9 @@ def convert(
         data, _ = _place_fiducials(base, fiducials)
         return Conversion(write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
-    design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
+    design = load_design(
+        content, form=form, base_directory=directory, allow_files=allow_files, files=files, limits=limits
+    )
     text = write_data(design_to_data(design), design.fiducials, target_name, written)
     return Conversion(text, design.fiducials.notes, design.fiducials)
 

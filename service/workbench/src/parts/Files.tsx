@@ -22,6 +22,8 @@ const HEADERS = 600_000, HEADER = 100_000; // bytes of all images, and of one, t
 /** Take what was dropped or chosen: images together, for each is a view of one design, and others one by one. */
 export async function takeFiles(files: File[]): Promise<void> {
   asking.value = null; // what another file left open
+  const empty = files.find(({ size }) => !size);
+  if (empty) return void say(`${empty.name} is empty`, true);
   const are = await Promise.all(files.map(async (file) => /\.(dcm|dicom)$/i.test(file.name) || (await file.slice(...SIGN).text()) === "DICM"));
   const images = files.filter((_, k) => are[k]);
   if (images.length) await takeImages(images);
@@ -47,8 +49,9 @@ async function convert(name: string, called: (words: string) => string, asked: P
   working.value = `${name} is being read`;
   const response = await asked.catch(() => null).finally(() => (working.value = null));
   if (response?.ok) return response.json();
-  const [{ rule, detail, hint }] = (response ? await readRefusal(response) : unreachable()).errors, words = called(detail);
-  if (!(await asks?.(rule, words))) say(`${name}: ${[words, hint].filter(Boolean).join("; ")}`, true);
+  const [{ rule, detail, hint, file, pointer }] = (response ? await readRefusal(response) : unreachable()).errors, words = called(detail);
+  const where = [file ? called(file) : name, ...pathOf(pointer).slice(1)].join(" › ");
+  if (!(await asks?.(rule, words))) say(`${where}: ${[words, hint].filter(Boolean).join("; ")}`, true);
   return null;
 }
 
@@ -57,8 +60,8 @@ async function takeFile(file: File): Promise<void> {
   if (/\.stl$/i.test(file.name)) return (await import("../carrier")).takeSurface(file);
   const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 1;
   if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
-  const seats = kind === "step" ? Object.entries<Json>(settled.value?.interfaces ?? {}).filter(([, seat]) => seat?.drawing?.file?.split?.("/").pop() === file.name) : [];
-  if (seats.length) return takeSeats(file, seats);
+  const named = filesOf(settled.value).filter((name) => name.split("/").pop() === file.name);
+  if (named.length) return takeNamed(file, named);
   if (ending) return takePoints(file, kind);
   const content = decode(await file.arrayBuffer());
   if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
@@ -66,17 +69,27 @@ async function takeFile(file: File): Promise<void> {
   takeText(file.name, content, `Open ${file.name}`);
 }
 
-/** The seats that the design names this STEP file for, as the command reads them; its balls are left. */
-async function takeSeats(file: File, seats: [string, Json][]): Promise<void> {
-  const { schema, name, views, fiducials, targets } = settled.value, content = await file.text(), edits = [], notes: string[] = [];
-  for (const [called, { drawing: { file: _, ...asked }, ...kept }] of seats) {
-    const made = await convert(file.name, (words) => words.replaceAll("content.step", file.name), send("POST", "/v1/conversions", { format: "step", content, base: { schema, name, views, fiducials, targets }, ...asked }));
-    if (!made) return;
-    edits.push({ path: ["interfaces", called], value: { ...kept, features: parse(made.content).data.interfaces.structure_connector.features } });
-    notes.push(...made.notes);
-  }
-  edit(edits, `Seat of ${file.name}`);
-  say(`${seats.map(([called]) => called).join(" and ")} as ${file.name} states it, its features written out. If its balls are the fiducials, give it once more. ${[...new Set(notes)].slice(0, 5).join("; ")}`);
+/** The files of text that a design names; surfaces and tables of spreadsheets have doors of their own. */
+function filesOf(data: Json): string[] {
+  if (!data || typeof data !== "object") return [];
+  const own = typeof data.file === "string" && !/\.(stl|xlsx|xlsm|ods)$/i.test(data.file) ? [data.file] : [];
+  return Object.entries(data).flatMap(([name, each]) => (/^(origin|target_origins)$/.test(name) ? [] : filesOf(each))).concat(own);
+}
+
+const given: Record<string, string> = {}; // of files that the design names: kept until all of them are here
+
+/** A file that the design names, as the command reads it beside the design: what it holds takes the place of its name. */
+async function takeNamed(file: File, names: string[]): Promise<void> {
+  const content = decode(await file.arrayBuffer());
+  if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
+  for (const name of names) given[name] = content;
+  const { optimise: _, ...base } = settled.value, all = filesOf(base), left = all.filter((name) => !(name in given));
+  if (left.length) return void say(`${file.name} is kept. The design names ${left.join(", ")}, too: drop that as well.`);
+  const files = Object.fromEntries(all.map((name) => [name, given[name]]));
+  const made = await convert(file.name, (words) => words, send("POST", "/v1/conversions", { format: "json", to: "json", content: JSON.stringify(base), files }));
+  if (!made) return;
+  edit(differences(base, parse(made.content).data), `What ${all.join(", ")} ${all.length > 1 ? "hold" : "holds"}`);
+  say(`What ${all.join(" and ")} ${all.length > 1 ? "hold" : "holds"} is in the design, in place of the ${all.length > 1 ? "names" : "name"}.`);
 }
 
 /** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */
@@ -291,7 +304,7 @@ export function OpenFile({ words }: { words: string }) {
   return (
     <label class="button">
       {words}
-      <input type="file" class="hidden" multiple accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.stl,.xlsx,.ods,.dcm,.dicom" onChange={(event) => {
+      <input type="file" class="hidden" multiple accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.stl,.urdf,.xlsx,.ods,.dcm,.dicom" onChange={(event) => {
         const files = [...(event.currentTarget.files ?? [])];
         event.currentTarget.value = "";
         void takeFiles(files);
