@@ -184,7 +184,7 @@ function Verified({ result }: { result: Json }) {
 }
 
 function Optimum({ result }: { result: Json }) {
-  const check = read<"simulation">(result.certificate.verification), d = check.decimals;
+  const check = read<"simulation">(result.certificate.verification), d = check.decimals, width = (half: number, { unit }: Json) => `${brief(half)} ${unit.replace("deg", "°")}`;
   return (
     <>
       <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.headline} ${mm(check.value, check.digits)} ${check.unit}, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
@@ -194,7 +194,7 @@ function Optimum({ result }: { result: Json }) {
           <thead><tr><th>What changes</th><th class="number">before</th><th class="number">after</th></tr></thead>
           <tbody>
             {result.moved.slice(0, 100).map((m: Json) => <tr key={m.label}><th>{m.label}</th><td class="number">{point(m.before_mm)}</td><td class="number">{point(m.after_mm)}</td></tr>)}
-            {result.tolerances.slice(0, 100).map((t: Json) => <tr key={t.contributor + t.component}><th>{(t.label || t.contributor).endsWith(` ${t.component}`) ? t.label || t.contributor : `${t.label || t.contributor} ${t.component}`}</th><td class="number">{`${brief(t.before_half_width)} ${t.unit.replace("deg", "°")}`}</td><td class="number">{`${brief(t.after_half_width)} ${t.unit.replace("deg", "°")}${t.grade ? `, ${t.grade}` : ""}`}</td></tr>)}
+            {result.tolerances.slice(0, 100).map((t: Json) => <tr key={t.contributor + t.component}><th>{(t.label || t.contributor).endsWith(` ${t.component}`) ? t.label || t.contributor : `${t.label || t.contributor} ${t.component}`}</th><td class="number">{t.before_drawn ?? width(t.before_half_width, t)}</td><td class="number">{t.before_drawn ? t.grade : width(t.after_half_width, t) + (t.grade ? `, ${t.grade}` : "")}</td></tr>)}
           </tbody>
         </table>
       </div>
