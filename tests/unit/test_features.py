@@ -357,16 +357,19 @@ def test_features_are_what_contacts_leave(name, run_seed):
         assert reach == pytest.approx(widest, rel=0.003)
 
 
-def test_a_position_zone_grows_at_maximum_material():
-    """closed_form: E[(t + b)^2] / 16 with b uniform on (0, 0.012), beside the clearance's own E[c^2] / 16."""
+@pytest.mark.parametrize(("law", "over", "cone"), [("uniform", 12, 1 / 16), ("triangular", 24, 3 / 80)])
+def test_a_position_zone_grows_at_maximum_material(law, over, cone):
+    """closed_form: E[(t + b)^2] / 16 with b uniform on (0, 0.012), beside the clearance's own E[c^2] / 16; triangular
+    sizes vary by half of that, and a cone of radius R by 3 R^2 / 20 along each axis."""
     features = copy.deepcopy(SEAT["interfaces"]["structure_connector"]["features"])
-    features[1] |= {"true_position_mm": 0.05, "at_maximum_material": True}
+    features[1] |= {"true_position_mm": 0.05, "at_maximum_material": True, "distribution": law}
     sources = mount_of(features).sources
-    own = [k for k, name in enumerate(sources.names) if name.startswith("pin 1 position")]
     t, b = 0.05, 0.012
-    variance = (t * t + t * b + b * b / 3) / 16
-    assert (sources.direction[3, own] ** 2 * sources.std[own] ** 2).sum() == pytest.approx(variance)
-    assert (np.abs(sources.direction[3, own]) * sources.half_width[own]).sum() == pytest.approx((t + b) / 2)
+    zone, clearance = ((t + b / 2) ** 2 + b**2 / over) * cone, (0.014**2 + (0.012**2 + 0.008**2) / over) / 16
+    for item, variance, reach in (("position", zone, (t + b) / 2), ("fit", clearance, 0.012)):
+        own = [k for k, name in enumerate(sources.names) if name.startswith(f"pin 1 {item}")]
+        assert (sources.direction[3, own] ** 2 * sources.std[own] ** 2).sum() == pytest.approx(variance)
+        assert (np.abs(sources.direction[3, own]) * sources.half_width[own]).sum() == pytest.approx(reach)
 
 
 def test_a_bounded_seat_reaches_no_further_than_an_octagon_about_its_circle():
