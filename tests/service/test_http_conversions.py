@@ -133,7 +133,7 @@ def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: http
     assert len(beads["content"].splitlines()) == 9
 
 
-def test_a_drawing_becomes_a_seat_and_is_read_from_no_disk(client: httpx.Client) -> None:
+def test_a_drawing_becomes_a_seat(client: httpx.Client) -> None:
     folder = EXAMPLES / "gallery"
     content = (folder / "seat_from_cad_carrier.step").read_text(encoding="ascii")
     body = {"format": "step", "content": content, "pin_class": "g6", "base": small_design()}
@@ -142,14 +142,19 @@ def test_a_drawing_becomes_a_seat_and_is_read_from_no_disk(client: httpx.Client)
     assert seat is not None
     assert len(seat.features or ()) == 3
     assert any("the seat is flatness 0.02" in note for note in document["notes"])
-    refused = client.post("/v1/scores", content=(folder / "seat_from_cad.yaml").read_bytes(), headers=YAML)
-    assert refused.status_code == 422
-    assert refused.json()["errors"][0]["pointer"] == "/interfaces/structure_connector/drawing"
-    assert "tailstack convert" in refused.json()["errors"][0]["hint"]
 
 
-@pytest.mark.parametrize("name", ["seat_from_cad", "robot_arm", "hand_eye_poses"])
-def test_files_that_a_design_names_come_with_it(client: httpx.Client, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "place", "cure"),
+    [
+        ("seat_from_cad", "interfaces/connector_flange/drawing", "tailstack convert"),
+        ("robot_arm", "execution/robot/urdf", "joints"),
+        ("hand_eye_poses", "execution/hand_eye/pose_pairs", "covariance_deg_mm"),
+    ],
+)
+def test_files_that_a_design_names_come_with_it_and_are_read_from_no_disk(
+    client: httpx.Client, name: str, place: str, cure: str
+) -> None:
     """independent: the design that the command reads, with the files beside it."""
     path = EXAMPLES / "gallery" / f"{name}.yaml"
     design = load_design(path)
@@ -157,10 +162,12 @@ def test_files_that_a_design_names_come_with_it(client: httpx.Client, name: str)
     body = {"format": "yaml", "content": path.read_text(encoding="utf-8"), "files": files}
     assert load_design(converted(client.post("/v1/conversions", json=body))["content"]).sha256 == design.sha256
     *_, last = files
-    for others in ({last: "rubbish"}, {last: ""}, {"x.urdf": ""}):
-        left = {each: text for each, text in files.items() if each != last}
+    left = {each: text for each, text in files.items() if each != last}
+    for others, words in (({last: "rubbish"}, ""), ({last: ""}, ""), ({"x.urdf": ""}, cure)):
         refused = client.post("/v1/conversions", json={**body, "files": left | others})
-        assert check_problem(refused, 422, "invalid-design")["errors"][0]["pointer"].startswith("/content/")
+        (problem,) = check_problem(refused, 422, "invalid-design")["errors"]
+        assert problem["pointer"] == f"/content/{place}"
+        assert words in problem["hint"]
 
 
 def test_a_step_file_may_be_longer_than_a_design() -> None:

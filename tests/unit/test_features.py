@@ -400,27 +400,3 @@ def test_a_drawn_seat_gives_the_p95_of_its_torsors_stated_by_hand():
     designs = [load_design(seat_of(state(surfaces), **each)) for each in ({}, by_hand)]
     p95 = [score(each, losses=False).targets[0].p95_mm for each in designs]
     assert p95[0] == pytest.approx(p95[1], rel=0.01)
-
-
-def test_a_pad_is_three_locators():
-    """independent: heights of two neighbouring corners against the middle; pins without clearance hold exactly."""
-    tight = {"diameter_mm": 6, "hole_mm": [0, 0], "pin_mm": [0, 0]}
-    features = [
-        {"name": "face", "kind": "pad", "position_mm": [0, 0, -95], "size_mm": [80, 60], "flatness_mm": 0.05},
-        {"name": "P", "kind": "pin_in_hole", "position_mm": [-30, 0, -95], **tight},
-        {"name": "Q", "kind": "pin_in_slot", "position_mm": [30, 0, -95], **tight},
-    ]
-    places = [[0, 0], [40, 30], [40, -30]]
-    locators = [
-        {"name": f"A{k}", "position_mm": [*at, -95], "normal": [0, 0, 1], "half_width_mm": 0.025 * (k > 0),
-         "distribution": "uniform"}
-        for k, at in enumerate(places)
-    ]  # fmt: skip
-    sides = [([-30, 0], [1, 0, 0]), ([-30, 0], [0, 1, 0]), ([30, 0], [0, 1, 0])]
-    locators += [
-        {"name": f"B{k}", "position_mm": [*at, -95], "normal": way, "half_width_mm": 0, "distribution": "uniform"}
-        for k, (at, way) in enumerate(sides)
-    ]
-    held = {"features": None, "locators": locators}
-    p95 = [score(load_design(seat_of(features, **each)), losses=False).targets[0].p95_mm for each in ({}, held)]
-    assert p95[0] == pytest.approx(p95[1], rel=1e-9)

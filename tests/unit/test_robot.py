@@ -396,11 +396,3 @@ def test_a_file_with_bytes_changed_is_read_or_refused(run_seed: int) -> None:
         content = whole[:start] + piece + whole[start + length * int(rng.integers(2)) :]
         with suppress(DesignError):
             assert len(read_urdf(content, chain)) <= 5
-
-
-def test_a_request_reads_no_file_and_says_what_to_do(tmp_path: Path) -> None:
-    path = with_file(tmp_path, URDF)
-    with pytest.raises(DesignError) as caught:
-        load_design(json.loads(path.read_text()), allow_files=False)
-    assert caught.value.problems[0].code == "file-refused"
-    assert "joints" in caught.value.problems[0].hint
