@@ -14,6 +14,7 @@ from plain_data import DEMO
 from tailstack import load_design, optimise
 from tailstack.design.drawn import DrawnValues
 from tailstack.geometry.arrays import Array
+from tailstack.laws import SUMS
 from tailstack.optimisation import PlacementProblem, cost_bound
 from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for
 from tailstack.optimisation.exact_law import evaluate_demand
@@ -23,7 +24,7 @@ from tailstack.optimisation.problem import FreeHalfWidth, mount_named, present_c
 from tailstack.optimisation.search import prepare_search, search
 from tailstack.optimisation.terms import every_terms
 from tailstack.system import Law
-from tailstack.tail.declared import law_cdf, law_quantile
+from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 
 ROTATIONS = (("structure_connector", "rx"), ("structure_connector", "ry"), ("connector_flange", "rx"))
 MIXED = [
@@ -71,8 +72,25 @@ def test_a_tangent_is_above_the_chance_everywhere(laws: tuple[Law, Law]) -> None
         logs = rng.uniform(low, high)
         logs = np.maximum(logs, np.where(allowed.held, touch, low))  # those that are held stand at their least
         chance = law_cdf(law_with(allowed.term, np.exp(logs), allowed.images), asked.limit)
-        above = tangent.value - float(cost_bound._charge(allowed, tangent, logs[:, None]).sum())
+        edges = np.column_stack([logs - rng.uniform(0, 1, 3), logs])  # the two widest differ from cell to cell
+        above = tangent.value - float(cost_bound._charge(allowed, tangent, edges)[:, 1].sum())
         assert np.log(max(chance, 1e-300) / asked.quantile) <= above + 1e-6
+
+
+def test_two_half_widths_bend_as_normal_ones_do_beside_a_third() -> None:
+    """independent: of 40 random laws the chance times ``h^n`` of the third is, half-way between two sizes (of it by its
+    half-width, of the others by logarithms), at least the mean; never wrong of what is true."""
+    rng, laws = np.random.default_rng(2), (Law.UNIFORM, Law.TRIANGULAR)
+    for _ in range(40):
+        gains, which = rng.standard_normal((3, 3)), rng.integers(0, 2, 3)
+        kinds = np.array([SUMS.index(laws[k]) for k in which])
+        near, far = (np.append(np.exp(rng.uniform(-2, 0.5, 2)), rng.uniform(0.1, 1.5)) for _ in range(2))
+        middle = np.append(np.sqrt(near * far)[:2], (near + far)[2] / 2)
+        chances = [
+            law_cdf(LinearLaw(np.zeros(3), 0.05 * np.eye(3), gains * width, kinds), 1.0) * width[2] ** (1 + which[2])
+            for width in (near, middle, far)
+        ]
+        assert chances[1] ** 2 >= chances[0] * chances[2] * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("laws", MIXED)
@@ -160,11 +178,15 @@ def test_withheld_with_the_reason() -> None:
     fits = (np.array([0.01, 0.02]), np.array([0.03, 0.01]))
     drawn = DrawnValues(("a", "b"), np.ones(2), (0.03, 0.04), fits, "H7/g6", {})
     assert not drawn.widens
-    assert replace(drawn, half_widths=(fits[0], 2 * fits[0])).widens
     changing = replace(problem, half_widths=(replace(problem.half_widths[0], drawn=drawn), *problem.half_widths[1:]))
     told = bound_any_layout(changing, every_terms(problem), present_choice(problem).half_width, 5.0, 0.0)
     assert told is not None
     assert "No bound: a value of a drawing" in told.statement
+    widened = replace(drawn, half_widths=(fits[0], 2 * fits[0]))
+    changing = replace(problem, half_widths=(replace(problem.half_widths[0], drawn=widened), *problem.half_widths[1:]))
+    told = bound_any_layout(changing, every_terms(problem), present_choice(problem).half_width, 5.0, 0.0)
+    assert told is not None
+    assert "several scalars is chosen beside half-widths of any size" in told.statement
     scaled = replace(problem, objective="scaling")
     assert bound_any_layout(scaled, every_terms(scaled), present_choice(scaled).half_width, 5.0, 0.0) is None
 

@@ -12,7 +12,10 @@ of the logarithm by t at h0,
     log P <= log P0 + sum of (D + n) (e^(m t) - 1) / m - n t.
 
 Where all free sources that act are normal it is D t (the (B) theorem: Cordero-Erausquin, Fradelizi, Maurey 2004).
-Fixed sources may have any of these laws.
+Of others it is D t for any two, as ``P h^n`` of the rest is an integral over these two of a function that is even in
+them and log-concave in all: symmetric sets of the plane, cut by rectangles, obey the log-Brunn-Minkowski inequality
+(Boroczky, Lutwak, Yang, Zhang 2012).  What is above falls no further from where it is least: a larger half-width does
+not raise P (Anderson 1955).  Fixed sources may have any of these laws.
 
 *Below the cost.*  ``cost(h) - mu log(P / p)`` with prices mu >= 0 of the limits, and P replaced by what is above it, is
 a sum over the half-widths, each made least by itself on a cell of the box: no half-widths in the cell are cheaper,
@@ -66,6 +69,7 @@ from .terms import DemandTerms, every_terms
 NEAR, MOST_CELLS = 0.01, 500  # of the cost of what keeps the limits with L; cells that are looked into
 COARSE = 1e-3  # of a quantile that only prunes
 FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
+SMALL = 0.03  # of what a relative change of all half-widths saves: one that saves less is held
 PARTS = 48  # of a cell along each half-width, for its least cost
 SPREAD = 2.0 ** np.linspace(-2, 2, 9)  # prices that are tried, about the one of the slopes, and then between two
 ON_LIMIT, LEAST_CHANCE = 2e-3, 1e-9  # of a cell's diagonal; of a probability
@@ -83,11 +87,18 @@ class Allowed(NamedTuple):
     power: Array  # (K,) m of each free half-width; 0: normal among normal, or it does not act
     order: Array  # (K,) n; 0 where m is
     acts: NDArray[np.bool_]  # (K,)
-    held: NDArray[np.bool_]  # (K,) which stand at the least of a cell: those that are not normal, beside some that are
+    held: NDArray[np.bool_]  # (K,) which stand at the least of a cell: not normal beside some that are, or cheap
 
     @property
     def limit_mm(self) -> float:
         return self.term.demand.requirement.limit
+
+    def bent_in(self, wide: Array) -> NDArray[np.bool_]:
+        """(K,) for which what is above is no straight line in a cell so wide (K,): all that are not normal but the two
+        of the widest sides."""
+        bends = (self.power > 0) & ~self.held
+        bends[np.argsort(np.where(bends, wide, -inf))[-2:]] = False
+        return bends
 
     def slope_within(self, slope: Array) -> Array:
         """(K,) slopes of the logarithm brought to where they can be: it falls, and ``h^n`` times the chance rises."""
@@ -119,6 +130,8 @@ def bound_any_layout(
             raise NoBound(why_none(problem, terms[0]) or "the mean of an error is limited, and no quantile of it")
         if not all(free.drawn is None or free.drawn.widens for free in problem.half_widths):
             raise NoBound("a value of a drawing is wider in one scalar than the next, and narrower in another")
+        if any(len(free.names) > 1 and not _is_bought(problem) for free in problem.half_widths):
+            raise NoBound("a value of a drawing that is several scalars is chosen beside half-widths of any size")
         allowed = [_allow(problem, term, half_width) for term in _take_leading(problem, bounded, half_width)]
         least = bound_allocation(problem, allowed, half_width)
     except NoBound as reason:
@@ -196,6 +209,11 @@ def _level_of(term: DemandTerms) -> float:
     return requirement.quantile * (term.demand.fraction if term.demand.nested else 1.0)
 
 
+def _is_bought(problem: PlacementProblem) -> bool:
+    """Whether every half-width is one of a table."""
+    return all(free.price.curve == "grades" for free in problem.half_widths)
+
+
 def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> Allowed:
     """Raises NoBound."""
     laws: list[Law | None] = [None] * len(problem.half_widths)
@@ -241,17 +259,20 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     low, high = np.log(problem.lower), np.log(problem.upper)
     if ratio(low, True) > 1:
         return inf
-    if all(free.price.curve == "grades" for free in problem.half_widths):
+    if _is_bought(problem):
         bought = choose_grades([free.price for free in problem.half_widths], lambda width: ratio(np.log(width), True))
         return bought.bound.lower_bound or 0.0
     if ratio(high) <= 1:
         return problem.cost(problem.upper)
-    acts, held = (np.any([getattr(each, name) for each in allowed], axis=0) for name in ("acts", "held"))
+    acts, held, bends = (np.any([getattr(own, name) for own in allowed], axis=0) for name in ("acts", "held", "power"))
     low, best, near, made = np.where(acts, low, high), inf, np.log(begin), count()
     for _ in range(FIRST):
         touch = _on_limit(ratio, low, high, near)
         best = min(best, problem.cost(np.exp(touch)))
         near = _balance(problem, [_touch(each, touch) for each in allowed])
+    pull = _pull(problem, touch)
+    held |= bends & (pull < SMALL * pull[acts].sum())
+    allowed = [each._replace(held=each.acts & held) for each in allowed]
 
     def look(low: Array, high: Array, above: Cell | None = None) -> Cell | None:
         """A cell, or nothing where none keep the limits for less than the best that is known."""
@@ -267,7 +288,7 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         touched = bool(tangents)
         if tangents:
             inside = (low <= tangents[0].at) & (tangents[0].at <= np.where(held, low, high))
-            touched = bool((inside[held] if held.any() else inside).all())
+            touched = bool((inside[held] if held.any() and not bends.any() else inside).all())
         if least >= best * (1 - NEAR) or (not touched and ratio(low) > 1):
             return None
         if not touched and ratio(reach := np.where(held, low, high)) > 1:
@@ -282,9 +303,10 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     while cells and cells[0].least < best * (1 - NEAR) and next(made) < MOST_CELLS:
         cell = heappop(cells)
         wide = cell.high - cell.low
-        bends = [(own.slope + each.order) * each.power for each, own in zip(allowed, cell.tangents, strict=False)]
-        weight = _pull(problem, near) * wide if held.any() else np.max([*bends, 0 * wide], axis=0) * wide**2
-        k = int((np.where(held, weight, 0) if held.any() else weight if weight.any() else wide).argmax())
+        falls = max([-own.slope.sum() for own in cell.tangents], default=0.0)
+        bent = np.any([own.bent_in(wide) for own in allowed], axis=0)
+        weight = np.where(held, pull * wide, bent * wide**2 * pull.sum() / 8 / max(falls, LEAST_CHANCE))
+        k = int((weight if weight.any() else wide).argmax())
         for half in cell.halves(k):
             if (found := look(*half, cell)) is not None:
                 heappush(cells, found)
@@ -399,8 +421,13 @@ def _cost(price: Price, logs: Array) -> Array:
 
 def _charge(each: Allowed, tangent: Tangent, edges: Array) -> Array:
     """(K, E): what stands above the logarithm of the chance, negative, of each half-width by itself."""
-    t, power, order = edges - tangent.at[:, None], each.power[:, None], each.order[:, None]
-    rising = np.where(power > 0, np.expm1(power * t) / np.maximum(power, 1), t)
-    ends = [each.slope_within(tangent.slope + error)[:, None] for error in (-SLOPE_ERROR, SLOPE_ERROR)]
-    above = np.maximum(*((slope + order) * rising - order * t for slope in ends))
-    return -np.where(each.held[:, None], 0.0, above)
+    t, order, power = edges - tangent.at[:, None], each.order[:, None], np.maximum(each.power, 1)[:, None]
+    bent = each.bent_in(edges[:, -1] - edges[:, 0])[:, None]
+
+    def above(error: float) -> Array:
+        slope = each.slope_within(tangent.slope + error)[:, None]
+        least = -np.log1p(np.maximum(slope / np.maximum(order, 1), -1 + ROUNDING)) / power  # from there on as much
+        risen = np.minimum(t, least)
+        return np.where(bent, (slope + order) * np.expm1(power * risen) / power - order * risen, slope * t)
+
+    return -np.where(each.held[:, None], 0.0, np.maximum(above(-SLOPE_ERROR), above(SLOPE_ERROR)))
