@@ -34,14 +34,16 @@ def weigh_fiducials(design: Design, record: Score) -> tuple[FiducialWorth, ...]:
             slopes = [vector3(each) for each in by_place.reshape(-1, 3)]
         except OutOfRangeError as refusal:
             why = refusal.problems[0].detail
-    own = [each for each in system.targets if each.name == target] or system.targets
+    needed = {target, *(each.entry for each in system.targets if each.name == target)}
+    own = [each for each in system.targets if each.name in needed] or system.targets
     stated = () if item is None else (replace(item, targets=(target,)),)
     system, worth = replace(system, targets=tuple(own), requirements=stated), []
     for label, slope in zip(system.fiducial_labels, slopes, strict=True):
         without, reason = None, ""
         try:
             left = score(without_fiducials(system, (label,)), losses=False)
-            without = left.verdict.checks[0].value if stated else left.worst_target.p95_mm
+            worst = next((each for each in left.targets if each.name == target), left.worst_target)
+            without = left.verdict.checks[0].value if stated else worst.p95_mm
         except IllPosedError as refusal:
             reason = refusal.problems[0].detail
         worth.append(FiducialWorth(label, slope, without, "; ".join(filter(None, (why, reason)))))

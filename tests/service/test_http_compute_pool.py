@@ -50,6 +50,11 @@ def read_then(seconds: float, rest: Callable[[], Any]) -> Any:
     return Estimated(seconds, rest)
 
 
+def read_and_break() -> Any:
+    """A request that is read, and whose rest breaks; it holds what cannot be sent, as that of an operation does."""
+    return Estimated(QUICK, lambda: 1 / 0)
+
+
 def request(tenant: str = "a") -> Request:
     return Caller(tenant).request()
 
@@ -98,6 +103,9 @@ async def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
         assert all(problem.pointer.startswith("/design") for problem in refused.value.problems)
         with pytest.raises(Defect, match="ZeroDivisionError"):
             await computing.run(request(), partial(operator.truediv, 1, 0), QUICK)
+        # Nor is what broke lost where what was to be computed holds what cannot be sent
+        with pytest.raises(Defect, match="ZeroDivisionError"):
+            await computing.run(request(), read_and_break, QUICK)
         assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
 
 

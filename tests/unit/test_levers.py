@@ -148,3 +148,14 @@ def test_the_worth_of_a_fiducial_is_the_difference_of_scores_and_the_score_witho
     assert worth.value_without == pytest.approx(value(others), rel=1e-9)
     mean = load_design({**DEMO, "requirements": [{**DEMO["requirements"][0], "statistic": "mean"}]})
     assert "derivative is known of a quantile" in weigh_fiducials(mean, score(mean, losses=False))[0].why
+
+
+def test_the_worth_of_a_fiducial_is_known_of_a_target_that_ends_a_trajectory() -> None:
+    """independent: the score of the document without the first bead; P95 at the end decides, and its entry is kept."""
+    data = yaml.safe_load((EXAMPLES / "half_shell.yaml").read_text(encoding="utf-8"))
+    del data["optimise"]  # which names a file
+    design = load_design(data)
+    worth = weigh_fiducials(design, score(design, losses=False))[0]
+    del data["fiducials"]["points"][0]
+    check = next(each for each in score(load_design(data), losses=False).verdict.checks if each.error == "tcp")
+    assert worth.value_without == pytest.approx(check.value, rel=1e-9)

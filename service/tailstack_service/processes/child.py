@@ -65,7 +65,7 @@ def main(function: str, code: str, most_bytes: int) -> None:
                 send(outcomes, Estimate(outcome.seconds))
                 outcome = outcome.compute() if waiting.get() else None
         except Exception:
-            raised = traceback.format_exc()
+            outcome, raised = None, traceback.format_exc()
         tired = count == TASKS or resident_bytes() > RESIDENT_BYTES
         send(outcomes, (outcome, raised, tired, time.process_time() - begun))
         if tired:
