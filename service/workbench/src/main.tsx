@@ -22,7 +22,7 @@ import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { History, Requirements, Verdict } from "./parts/Verdict";
 import { Fold, listed, Tip, WordList } from "./parts/Words";
-import { comments, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { comments, design, first, gesture, leaveFirst, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto")), system = matchMedia("(prefers-color-scheme: dark)"), night = signal(system.matches);
 system.addEventListener("change", () => (night.value = system.matches));
@@ -48,6 +48,7 @@ function Page() {
       <header>
         <h1><span class="product">tailstack</span> <span dir="auto" class="name">{name}</span></h1>
         <nav class="controls" aria-label="Page">
+          {!first.value && <a class="button" href="#start" title="examples, your own beads, or a file; this design stays">First page</a>}
           <OpenFile words="Open a file" />
         </nav>
       </header>
@@ -57,7 +58,8 @@ function Page() {
       {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
       <Asking />
       {keyWanted.value && <KeyWanted />}
-      {steps.value.length === 0 ? <><Welcome /><Foot /></> : <Workbench />}
+      {steps.value.length > 0 && <Workbench />}
+      {first.value && <><Welcome /><Foot /></>}
       <Tip />
       {listed.value && <WordList />}
       {manual.value && <manual.value onClose={() => (manual.value = null)} />}
@@ -70,6 +72,7 @@ const licences = document.querySelector<HTMLLinkElement>("link[rel=license]")?.h
 function Welcome() {
   return (
     <main id="main" tabIndex={-1}>
+      {steps.value.length > 0 && <p><button type="button" onClick={leaveFirst}>Go on with <bdi>{String(design.value?.name ?? "the design")}</bdi></button> <span class="note">It is as you left it. What is opened here takes its place, and undo brings it back.</span></p>}
       <div class="lead">
         <p>A robot is navigated by two X-ray images of metal beads: how far from the target does its tool end up, which tolerance is to blame, and what would make it better?</p>
         <Sketch />
@@ -119,9 +122,8 @@ function Workbench() {
   );
   return (
     <>
-      <Verdict />
-      <History />
-      <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
+      {!first.value && <><Verdict /><History /></>}
+      <main id={first.value ? undefined : "main"} hidden={first.value} class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
           <Minute />
           <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}<span class="between" /><PlaceSwitches /><ArrangeSwitch /></p>
@@ -232,7 +234,7 @@ document.addEventListener("keydown", (event) => {
   const typing = at instanceof HTMLInputElement ? at.type !== "range" && at.type !== "checkbox" && at.value !== at.defaultValue : at instanceof HTMLElement && at.isContentEditable;
   const writes = at instanceof HTMLElement && (at.isContentEditable || /^(TEXTAREA|SELECT)$/.test(at.tagName) || (at instanceof HTMLInputElement && /^(text|password)$/.test(at.type)));
   if (event.key === "?" && !writes && !event.ctrlKey && !event.metaKey && !event.altKey) listed.value = true;
-  if (typing || !(event.ctrlKey || event.metaKey)) return;
+  if (typing || first.value || !(event.ctrlKey || event.metaKey)) return;
   if (event.key.toLowerCase() === "z") {
     event.preventDefault();
     (event.shiftKey ? redo : undo)();
@@ -240,6 +242,16 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     redo();
   }
+});
+// Between the first page and the design: what was pressed is gone, what comes next is there
+let was = first.peek();
+effect(() => {
+  if (was === first.value) return;
+  was = first.value;
+  requestAnimationFrame(() => {
+    document.getElementById(was ? "main" : "verdict")?.focus({ preventScroll: true });
+    window.scrollTo(0, 0);
+  });
 });
 document.addEventListener("dragover", (event) => event.preventDefault());
 document.addEventListener("drop", (event) => {
@@ -251,7 +263,7 @@ window.addEventListener("hashchange", () => void fromLink());
 async function fromLink(): Promise<void> {
   try {
     const held = await textOfLink(location.hash);
-    if (held === null) return;
+    if (held === null) return void (linked.value = null);
     if (held !== text.value) takeText("The link", held, "Open the link");
     linked.value = held === text.value ? held : "";
   } catch {

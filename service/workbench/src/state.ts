@@ -301,6 +301,21 @@ function without(list: string, left: Json[]): Edit[] {
 
 export const setComments = (all: Json[], what: string) => edit(without("comments", all), what);
 
+// --- the first page ------------------------------------------------------------------------------------------
+
+const START = "#start", address = signal(location.hash);
+window.addEventListener("hashchange", () => (address.value = location.hash));
+/** Whether the first page is shown: nothing is open, or the address says so; the browser's own buttons lead there and back. */
+export const first = computed(() => steps.value.length === 0 || address.value === START);
+/** From there to the design. */
+export function leaveFirst(): void {
+  if (!first.value || location.hash.startsWith("#design=")) return; // a link stays in the address
+  const here = location.pathname + location.search;
+  history.replaceState(null, "", here + START);
+  history.pushState(null, "", here);
+  address.value = "";
+}
+
 // --- the whole design in the link ----------------------------------------------------------------------------
 
 export const linked = signal<string | null>(null); // the text that the address holds; one that is no design is ""

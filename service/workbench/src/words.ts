@@ -7,6 +7,8 @@ export const mm = (value: number | null | undefined, decimals: number): string =
 /** With its unit: 1.68 mm, 1.78°, and a part of one as 0.5 %. */
 export const told = (value: number | null | undefined, decimals: number, unit: string): string =>
   value == null ? "–" : unit === "of 1" ? percent(value, Math.max(0, decimals - 2)) : `${mm(value, decimals)}${sign(unit)}`;
+/** What a requirement reads by itself, as its ``risk`` names it: of per_unit each unit; nothing where it is pooled. */
+export const levelOf = (risk: string): string => (risk.startsWith("per_") ? risk.slice(4) : "");
 /** A unit after its number. */
 export const sign = (unit: string): string => (unit === "deg" ? "°" : ` ${unit}`);
 

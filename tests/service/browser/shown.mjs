@@ -398,6 +398,47 @@ scenarios.phone = async () => {
   return { said, value, words: await head.innerText(), top: box.y, height: box.height, wide: await wide(page) };
 };
 
+// From a design to the first page and on again: by its button, by the browser's, by keys, by what is opened there
+scenarios.doors = async () => {
+  const page = await begun(await newContext()), found = {}, text = async () => (await state(page)).text, focus = () => page.evaluate(() => document.activeElement.id);
+  const look = async () => { await drawn(page); return { strip: await strip(page).count(), begins: await page.getByRole("heading", { name: "Begin with a design" }).count(), focus: await focus() }; };
+  const door = page.getByRole("link", { name: "First page" }), on = page.getByRole("button", { name: "Go on with" });
+  await number(page, "F1 x, mm", "-31");
+  await current(page);
+  const mine = await text();
+  await (await part(page, "Comments")).locator("textarea").fill("half a comment");
+  await door.press("Enter");
+  found.first = await look();
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  found.axe = await axe(page);
+  await page.keyboard.press("Control+z"); // nothing that is not seen is undone
+  await on.press("Enter");
+  found.on = await look();
+  found.draft = await page.locator("#comment-text").inputValue();
+  await page.goBack();
+  found.back = await look();
+  await page.goForward();
+  found.forward = await look();
+  found.same = (await text()) === mine;
+  await door.click();
+  await page.getByRole("button", { name: asked.example }).click();
+  await current(page);
+  found.opened = { ...(await look()), other: (await text()) !== mine };
+  await page.goBack();
+  found.again = await look();
+  await page.reload();
+  await on.waitFor();
+  found.reloaded = await look();
+  await page.setInputFiles("header input[type=file]", { name: "beads.csv", mimeType: "text/csv", buffer: Buffer.from(asked.beads) });
+  await page.locator("section.verdict").waitFor();
+  await current(page);
+  found.begun = (await text()).split("\n")[0];
+  for (let k = 0; k < 2; k += 1) await page.keyboard.press("Control+z");
+  await current(page);
+  found.undone = (await text()) === mine;
+  return found;
+};
+
 // An example of the gallery, opened and saved
 scenarios.example = async () => {
   const page = await open(await newContext(), asked.url, false);

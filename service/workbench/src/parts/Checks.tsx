@@ -1,7 +1,7 @@
 // Requirements as one record judged them, all of one kind, and the measures that it tells besides those of each target.
 
 import type { AnyReading, Check } from "../readings";
-import { decimalsOf, mm, percent, sign, stated, told, VERDICTS } from "../words";
+import { decimalsOf, levelOf, mm, percent, sign, stated, told, VERDICTS } from "../words";
 import { Term } from "./Words";
 
 export const interval = (ends: readonly (number | null)[], d: number) => (ends[1] === null ? `${mm(ends[0], d)}, no upper end known` : `${mm(ends[0], d)} to ${mm(ends[1], d)}`);
@@ -13,19 +13,19 @@ export const limitWords = (limit: number, d: number, unit: string) => (unit === 
 export function Checks({ of: { kind, record }, label }: { of: AnyReading; label: string }) {
   const checks: readonly Check[] = record.verdict.checks;
   if (!checks.length) return null;
-  const units = checks.some((check) => check.yield_fraction !== null);
+  const levels = checks.some((check) => check.yield_fraction !== null);
   const unit = new Set(checks.map((check) => check.unit)).size === 1 ? `, ${checks[0].unit}` : "";
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={label}>
       <table class="checks" data-kind={kind}>
-        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
+        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{levels && <th class="number">Within it (asked for)</th>}</tr></thead>
         <tbody>
           {checks.slice(0, 400).map((check) => ({ check, d: decimalsOf(record, check.unit) })).map(({ check, d }) => (
             <tr key={check.requirement + check.target}>
-              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}${check.ids?.length ? "; " : ""}`}{check.ids?.map((id, k) => [k ? ", " : "", <span key={id} class="id">{id}</span>])}</span></th>
+              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${levelOf(check.risk) ? `per ${levelOf(check.risk)}: each by itself` : "pooled: all shots together"}${check.ids?.length ? "; " : ""}`}{check.ids?.map((id, k) => [k ? ", " : "", <span key={id} class="id">{id}</span>])}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
               <td class="number">{unit ? mm(check.value, d) : told(check.value, d, check.unit)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{unit ? stated(check.limit, d) : limitWords(check.limit, d, check.unit)}</td>
-              {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
+              {levels && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} of ${levelOf(check.risk)}s (${percent(check.min_yield)})`}</td>}
             </tr>
           ))}
         </tbody>

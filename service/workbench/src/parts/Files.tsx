@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { key, pathOf, readRefusal, send, unreachable } from "../api";
-import { base64, canUndo, design, differences, edit, type Json, linked, linkOf, LONGEST_LINK, open, parse, say, settled, text, valueAt, whole } from "../state";
+import { base64, canUndo, design, differences, edit, first, type Json, leaveFirst, linked, linkOf, LONGEST_LINK, open, parse, say, settled, text, valueAt, whole } from "../state";
 import { firstDesign } from "../first";
 import { rounded } from "../geometry";
 import { readNumber, VERDICTS } from "../words";
@@ -30,9 +30,12 @@ export async function takeFiles(files: File[]): Promise<void> {
   for (const file of files.filter((_, k) => !are[k])) await takeFile(file);
 }
 
+/** What a file is added to: the design, unless the first page is shown, where one begins. */
+const present = (): Json => (first.value ? null : design.value && settled.value);
+
 /** The first views of the design as the headers of images say, or a first design about them. */
 async function takeImages(files: File[]): Promise<void> {
-  const names = files.map(({ name }) => name).join(", "), base = design.value && settled.value;
+  const names = files.map(({ name }) => name).join(", "), base = present();
   const [content, ...more] = await Promise.all(files.map(async (file) => base64(new Uint8Array(await file.slice(0, Math.min(HEADER, HEADERS / files.length)).arrayBuffer()))));
   const called = (words: string) => files.reduce((all, { name }, k) => all.replaceAll(k ? `more.${k}.dicom` : "content.dicom", name), words);
   const made = await convert(names, called, send("POST", "/v1/conversions", { format: "dicom", content, ...(more.length && { more }), ...(base && { base }) }));
@@ -94,6 +97,7 @@ async function takeNamed(file: File, names: string[]): Promise<void> {
 
 /** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */
 function begin(source: string, what: string): void {
+  leaveFirst();
   open(source, what);
   requestAnimationFrame(() => {
     if (document.activeElement?.matches("body, .gallery *")) document.getElementById("verdict")?.focus({ preventScroll: true });
@@ -147,16 +151,16 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
     return asking.value !== null;
   });
   if (!made) return;
-  const own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
+  const base = present(), own = new Map((base?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
   const points = made.fiducials.map((p: Json) => ({ ...(own.get(p.label) ?? {}), label: p.label, position_mm: rounded(p.position_mm, 4) }));
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
-  if (!design.value) {
+  if (!base) {
     begin(firstDesign(points, name, await wishes()), `Open ${name}`);
     assumes.value = true;
     return void say(`${points.length} fiducials of ${name} are in a first design. What nobody stated is assumed, and listed beside the pictures.${notes ? ` ${notes}` : ""}`);
   }
-  const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
+  const kept = Object.fromEntries(Object.entries(base.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
   edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
   say(`${points.length} fiducials of ${name} are in the design.${canUndo.value ? " Undo brings back those before." : ""}${notes ? ` ${notes}` : ""}`);
 }
@@ -227,21 +231,21 @@ const glimpses = signal<Record<string, Glimpse>>({});
 const CALM = 600; // ms that the first page is looked at before its cards are filled
 let looking = false;
 
-/** Fill the cards one after the other, for as long as no design is open: a design's own scores come first. */
+/** Fill the cards one after the other, for as long as the first page is shown: a design's own scores come first. */
 async function glimpse(): Promise<void> {
   if (looking) return;
   looking = true;
   try {
     for (const { name } of gallery.value ?? []) {
       if (glimpses.value[name]) continue;
-      if (design.value) return;
+      if (present()) return;
       const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" });
       if (!response.ok) return;
       const { data } = parse(await response.text());
       const places = (list: Json): number[][] => (Array.isArray(list) ? list : []).map((each: Json) => each?.position_mm).filter((at: Json) => Array.isArray(at) && at.length === 3);
       const number = ["/views/0/fiducial_noise_px", "/requirements/0/limit_mm"].find((pointer) => typeof valueAt(data, pathOf(pointer)) === "number");
       let status: string | null = null;
-      if (number && !design.value) {
+      if (number && !present()) {
         const judged = await send("POST", "/v1/scores/batch", { design: data, table: { [number]: [valueAt(data, pathOf(number))] }, columns: ["verdict"] });
         if (judged.ok) status = (await judged.json()).columns.verdict[0] || null;
       }

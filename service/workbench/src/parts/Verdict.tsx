@@ -9,7 +9,7 @@ import { answer, busy, current, late, refused, type Score, send, trouble } from 
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
 import { type AnyReading, BY, change, type Check, decimals, decisive, estimated, seen, shown, standing, verified } from "../readings";
 import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
-import { brief, changed, decimalsOf, duration, mm, percent, sign, stated, told, VERDICTS } from "../words";
+import { brief, changed, decimalsOf, duration, levelOf, mm, percent, sign, stated, told, VERDICTS } from "../words";
 import { Rests } from "./Assumed";
 import { Checks, interval, limitWords, Measures } from "./Checks";
 import { NumberField } from "./Controls";
@@ -65,8 +65,7 @@ export function Verdict() {
             </div>
             {worst && <div><dt>Between</dt><dd>{interval(worst.interval, d)}</dd></div>}
             {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)}{sign(worst.unit)}</dd></div>}
-            {others(reading).map(({ requirement, target, value, limit: most, unit: own, status: is }) => <div key={requirement} class="other"><dt>{`${requirement}, ${target}`}</dt><dd class={`status ${is}`}>{`${told(value, decimalsOf(reading.record as Score, own), own)} of ${limitWords(most, decimalsOf(reading.record as Score, own), own)}`}</dd></div>)}
-            {worst?.yield_fraction != null && <div><dt>{worst.risk === "per_mounting" ? "Mountings" : "Units"} that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
+            {worst?.yield_fraction != null && <div><dt class="level">{`${levelOf(worst.risk)}s that meet it`}</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && <span class="was">{` of ${percent(worst.min_yield)} asked for`}</span>}</dd></div>}
             <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{told(own.known, d, unit)}</dd></div>
             <div><dt>Mean error</dt><dd>{told(own.mean, d, unit)}</dd></div>
           </dl>
@@ -88,9 +87,19 @@ export function Verdict() {
   );
 }
 
-const BESIDE = 3; // requirements
-/** What decides each of the other requirements: degrees beside millimetres. */
-const others = ({ record, decides }: AnyReading): Check[] => [...new Set(record.verdict.checks.map(({ requirement }) => requirement))].filter((name) => name !== decides?.requirement).slice(0, BESIDE).map((name) => decisive(record.verdict.checks.filter(({ requirement }) => requirement === name))!);
+/** What decides each of the other requirements, the most urgent first: degrees beside millimetres.  One line of them; pressed, one line each. */
+function Others({ of: { record, decides } }: { of: AnyReading }) {
+  const all: Check[] = [];
+  for (let left = record.verdict.checks.filter((check) => check.requirement !== decides?.requirement), next = decisive(left); next; next = decisive(left)) {
+    all.push(next);
+    left = left.filter((check) => check.requirement !== next!.requirement);
+  }
+  return all.length > 0 && (
+    <details class="others" key={decides?.requirement}><summary>
+      {all.map(({ requirement, target, value, limit, unit, status }) => <span key={requirement}>{`${requirement}, ${target}: `}<b class={`status ${status}`}>{`${told(value, decimalsOf(record as Score, unit), unit)} of ${limitWords(limit, decimalsOf(record as Score, unit), unit)}`}</b></span>)}
+    </summary></details>
+  );
+}
 
 /** Whether what is known and the same each time is most of the error: it is taken away before any tolerance. */
 const isBiased = ({ joined, target: { bias_mm, std_mm } }: AnyReading) => !joined && Math.hypot(...bias_mm) > Math.hypot(...std_mm);
@@ -183,6 +192,7 @@ function Findings({ reading }: { reading: AnyReading }) {
           {isBiased(reading) && !advised.value?.wall && ` A ${kind === "estimate" ? "known " : ""}bias of ${mm(Math.hypot(...reading.target.bias_mm), reading.decimals)} mm is most of it: correct for it before any tolerance.`}
         </p>
       ) : <p class="stated">The design states no requirement: nothing is judged. <button type="button" class="small" onClick={() => edit([{ path: ["requirements"], value: [{ name: "accuracy", limit_mm: 1 }] }], "State a limit")}>State a limit</button></p>}
+      <Others of={reading} />
       {wall ? <p class="wall" data-kind="estimate" title={wall.detail}>{`Out of reach, by estimate: ${wall.detail.replace(/; the limit of .* Share of the mean square there: ([^,]+),? ?.*/, "; because $1")}.`}</p> : advised.value?.wall && <p class="wall" data-kind="estimate">{advised.value.wall}</p>}
       {!wall && <Reach />}
       {first}
