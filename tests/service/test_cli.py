@@ -175,14 +175,6 @@ def test_another_target_of_a_region(call: Any, refused: Any) -> None:
     assert "workspace[0]" in refused("score", path, "--target", "elsewhere")
 
 
-@pytest.mark.long("slicer_markups.yaml")
-@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.yaml")))
-def test_examples_are_scored_within_80_columns(call: Any, name: str) -> None:
-    code, out, _ = call("score", str(EXAMPLES / name), "--second-order")
-    assert code in (0, 1, 4)
-    check_columns(out)
-
-
 # --- verify, optimise -----------------------------------------------------------------------------
 
 

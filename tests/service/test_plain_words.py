@@ -110,7 +110,10 @@ def test_studies_are_plain(printed: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("score", DEMO), ("first order", "linearisation: good to 1 %. nu = ", "(Eq 16)", "dP95/dh", "sha256")),
+        (
+            ("score", DEMO, "--second-order"),
+            ("first order", "linearisation: good to 1 %. nu = ", "(Eq 16)", "dP95/dh", "sha256"),
+        ),
         (("verify", DEMO, "--trials", "20000"), ("eight lanes", "redone by SVD", "estimate /", "normalised")),
         (
             ("optimise", DEMO, "--starts", "1"),

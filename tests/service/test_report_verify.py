@@ -571,27 +571,6 @@ def test_an_untouched_report_of_a_fiducial_file_is_verified(name: str, tmp_path:
         assert found.verdict == "verified", details(found)
 
 
-EXAMPLE_DESIGNS = sorted(
-    path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text(encoding="utf-8")
-)
-
-
-@pytest.mark.long(
-    "box_carrier",
-    "plate_with_posts",
-    "third_view",
-    "operating_theatre",
-    "per_unit_limit",
-    "locators_321",
-    "slicer_markups",
-)
-@pytest.mark.parametrize("path", EXAMPLE_DESIGNS, ids=lambda path: path.stem)
-def test_an_untouched_report_of_an_example_is_verified(path: Path) -> None:
-    made = to_json(compute_report(load_design(path), ReportContents(trials=1000)))
-    found = audit(made, "x", fast=True)
-    assert found.verdict == "verified", details(found)
-
-
 @pytest.mark.long
 def test_the_design_in_a_report_is_the_design(tmp_path: Path) -> None:
     """Taken out of the record and written as YAML, it gives the report again, byte for byte."""

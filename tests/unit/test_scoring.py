@@ -251,14 +251,6 @@ def test_the_mean_shift_of_second_order_is_the_mean_of_the_chain():
     assert np.any(np.abs(shift) > 3 * error)
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda p: p.stem)
-def test_every_example_scores(path):
-    result = score(load_design(path), losses=False)
-    assert all(np.isfinite(t.p95_mm) and t.p95_mm > 0 for t in result.targets)
-    assert all(t.law_error_mm < 1e-3 * t.p95_mm for t in result.targets)
-    assert result.provenance.design_sha256
-
-
 def shrunk(value, factor):
     """A design document with every spread in it times a factor."""
     if isinstance(value, list):
@@ -272,14 +264,13 @@ def shrunk(value, factor):
     return changed
 
 
-@pytest.mark.parametrize("factor", [1e-9, 1e-12, 1e-20, 1e-30, 1e-60, 1e-100, 1e-300])
+@pytest.mark.parametrize("factor", [1e-9, 1e-20, 1e-100, 1e-300])
 def test_nothing_random_is_left_of_noise_that_vanishes(factor):
     """closed form: P95, mean and CVaR are the length of the bias, to the noise; nothing is refused, nothing warns."""
-    whole = score(load_design(EXAMPLES / "demo.yaml"), losses=False).targets[0]
-    target = score(load_design(shrunk(load_design(EXAMPLES / "demo.yaml").source.data, factor)), losses=False).targets[
-        0
-    ]
-    bias = np.linalg.norm(whole.bias_mm)
+    whole = load_design(EXAMPLES / "demo.yaml")
+    system = compile_design(whole)
+    bias = np.linalg.norm(linearise(system, system.targets[0]).bias_mm("tcp"))
+    target = score(load_design(shrunk(whole.source.data, factor)), losses=False).targets[0]
     for value in (target.p95_mm, target.mean_norm_mm, target.cvar95_mm, target.per_unit.p95_of_units_mm):
         assert value == pytest.approx(bias, rel=1e-11, abs=4 * factor)
     for line in target.contributors:
@@ -344,8 +335,7 @@ def test_beyond_p999_first_order_decides_nothing():
     assert score(cube8_system(requirements=(requirement,)), losses=False).verdict.status == "inconclusive"
 
 
-@pytest.mark.parametrize("half_width_mm", [80, 90, 200])
-@pytest.mark.parametrize("place", ["hand_eye", "connector_flange"])
+@pytest.mark.parametrize(("place", "half_width_mm"), [("hand_eye", 80), ("connector_flange", 90), ("hand_eye", 200)])
 def test_one_normal_tolerance_far_above_all_others(place: str, half_width_mm: float) -> None:
     """closed_form: the norm is |x| of a normal x but for sources across it of 0.4 mm, which add their variance over
     2 |x|: 1.959964 times the standard deviation to 2e-4.  Its own line of the budget says the same."""

@@ -164,7 +164,7 @@ def test_the_side_is_that_of_the_solid_angle(name: str) -> None:
 )
 def test_what_is_drawn_and_clipped_is_in_the_region(name: str, side: int, least_mm: float, most_mm: float) -> None:
     """independent: enumeration and solid angles; clipping of what is in changes nothing, and where only the largest
-    distance binds none of 5000 points of the region is nearer."""
+    distance binds none of 1500 points of the region is nearer."""
     triangles = SURFACES[name]
     region = NearSurface(read(triangles), most_mm, least_mm, side)
     drawn = region.sample(np.random.default_rng(2), 400, 0.6)
@@ -175,7 +175,7 @@ def test_what_is_drawn_and_clipped_is_in_the_region(name: str, side: int, least_
         deep = away > 1e-5
         np.testing.assert_array_equal(is_inside(drawn[deep], triangles), side < 0)
     np.testing.assert_allclose(region.clip(drawn), drawn, rtol=0, atol=1e-9)
-    cloud = region.sample(np.random.default_rng(3), 5000, 0.6)
+    cloud = region.sample(np.random.default_rng(3), 1500, 0.6)
     points = around(triangles, 30)
     points = points[region.measure(points)[0] > most_mm]
     gone = np.linalg.norm(region.clip(points) - points, axis=1)

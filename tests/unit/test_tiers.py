@@ -61,19 +61,17 @@ def run_tests(folder: Path, *options: str, code: int = 0, said: dict[str, str] |
     return done.stdout
 
 
-@pytest.mark.long("options0")
-@pytest.mark.parametrize("options", [(), ("-n", "2")])
-def test_the_short_tier_leaves_out_what_is_marked_and_says_how_much(tmp_path: Path, options: tuple[str, ...]) -> None:
+def test_the_short_tier_leaves_out_what_is_marked_and_says_how_much(tmp_path: Path) -> None:
+    """By processes of xdist, which tell the one that started them."""
     (tmp_path / "test_cases.py").write_text(CASES)
-    assert "7 passed" in run_tests(tmp_path, *options)
-    said = run_tests(tmp_path, "--short", *options)
+    said = run_tests(tmp_path, "--short", "-n", "2")
     assert set(re.findall(r"test_cases\.py::(\S+)", said)) == {"test_named[a]", "test_others[a]", "test_short"}
     assert said.splitlines()[-1] == "4 tests were left out, which are long; all of them: ./run test --all"
 
 
 def test_a_mark_that_names_a_case_that_there_is_not_is_refused(tmp_path: Path) -> None:
     (tmp_path / "test_cases.py").write_text(CASES.replace('long("b")', 'long("b", "B")'))
-    assert "names cases that there are not: B" in run_tests(tmp_path, "-n", "1", code=1)
+    assert "names cases that there are not: B" in run_tests(tmp_path, code=1)
 
 
 LEFT = """
@@ -93,11 +91,9 @@ SAID = {
 }  # fmt: skip
 
 
-@pytest.mark.long("options1")
-@pytest.mark.parametrize("options", [(), ("-n", "2")])
-def test_what_the_caller_has_said_is_not_for_what_tests_start(tmp_path: Path, options: tuple[str, ...]) -> None:
+def test_what_the_caller_has_said_is_not_for_what_tests_start(tmp_path: Path) -> None:
     (tmp_path / "test_cases.py").write_text(LEFT.replace("SAID", repr(sorted(SAID))))
-    assert " passed" in run_tests(tmp_path, *options, said=SAID)
+    assert " passed" in run_tests(tmp_path, said=SAID)
 
 
 def test_orders_and_what_hypothesis_draws_are_those_of_their_seeds(tmp_path: Path) -> None:
@@ -119,7 +115,7 @@ def test_orders_and_what_hypothesis_draws_are_those_of_their_seeds(tmp_path: Pat
 
 def test_costs_are_written_by_test(tmp_path: Path) -> None:
     burns = "import time\nSTART = time.process_time()\ndef test_burns():\n"
-    burns += "    while time.process_time() < START + 1.0: sum(range(1000))\n"
+    burns += "    while time.process_time() < START + 0.3: sum(range(1000))\n"
     (tmp_path / "test_burns.py").write_text("def test_rests(): pass\n" + burns)
     run_tests(tmp_path, "--costs", str(tmp_path / "costs"))
     lines = [line.split(" ") for line in (tmp_path / "costs").read_text().splitlines()]
