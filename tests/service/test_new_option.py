@@ -120,7 +120,6 @@ FIELD, RENAMED = "dp95_per_unit", "toy_slope"
 PROGRAM_OF_COLUMN = """
 import io, json, sys
 import openpyxl
-from pypdf import PdfReader
 from tailstack import load_design, score
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render_all
@@ -132,9 +131,8 @@ found = score(load_design(sys.argv[1]))
 told = {"terminal": OPERATIONS["score"].write(found), "notebook": found._repr_html_()}
 with write_on(Page(160, details=True)):
     told["details"] = OPERATIONS["score"].write(found)
-made = dict(render_all("score", to_json(found), ("html", "pdf", "xlsx")))
+made = dict(render_all("score", to_json(found), ("html", "xlsx")))
 told["html"] = made["html"].decode()
-told["pdf"] = "\\n".join(page.extract_text() for page in PdfReader(io.BytesIO(made["pdf"])).pages)
 sheet = openpyxl.load_workbook(io.BytesIO(made["xlsx"]))["Budget"]
 told["xlsx"] = "\\n".join(" ".join(str(cell) for cell in row) for row in sheet.iter_rows(values_only=True))
 largest = max(line.variance_share for line in found.worst_target.contributors)
@@ -175,7 +173,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], flo
     return found["told"], found["largest"]
 
 
-@pytest.mark.parametrize("writer", ["terminal", "details", "notebook", "html", "pdf", "xlsx"])
+@pytest.mark.parametrize("writer", ["terminal", "details", "notebook", "html", "xlsx"])
 def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer: str) -> None:
     told, largest = shown
     words = told[writer].lower()

@@ -357,7 +357,7 @@ def test_the_repr_of_every_published_record_is_a_few_lines(name: str) -> None:
     assert "object at 0x" not in said
 
 
-@pytest.mark.long("tailstack.design", "tailstack.optimisation")
+@pytest.mark.long("tailstack.results", "tailstack.design", "tailstack.optimisation")
 @pytest.mark.parametrize("package", ["tailstack", "tailstack.results", "tailstack.design", "tailstack.optimisation"])
 def test_completion_of_a_package_offers_what_is_public(package: str) -> None:
     """In an interpreter of its own: names that are loaded later are there, insides that were loaded are not."""

@@ -176,7 +176,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
     return code, capsys.readouterr().out
 
 
-@pytest.mark.long("fails on units", "open")
+@pytest.mark.long(but=["fails"])
 @pytest.mark.parametrize(
     ("limit_mm", "more", "status", "code"),
     [

@@ -267,7 +267,7 @@ def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> 
     assert json.loads((project / "tailstack-gate" / "gate.json").read_text(encoding="utf-8"))["exit_code"] == 1
 
 
-@pytest.mark.long("given0-2")
+@pytest.mark.long("given0-2", "given2-2", "given5-3")
 @pytest.mark.parametrize(
     ("given", "code"),
     [

@@ -198,7 +198,7 @@ MOMENTS: dict[str, Callable[[subprocess.Popen[str], str], object]] = {
 }
 
 
-@pytest.mark.long(but=("when it answers-2",))
+@pytest.mark.long(but=("with a process beside it-1",))
 @pytest.mark.parametrize(
     ("moment", "api_processes"),
     [("at once", "1"), ("with a process beside it", "1"), ("with a process beside it", "2"), ("when it answers", "2")],

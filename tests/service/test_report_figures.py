@@ -617,7 +617,7 @@ def test_the_histogram_has_area_by_its_scale() -> None:
 @pytest.mark.parametrize(
     ("interval", "limit"),
     [
-        pytest.param(interval, limit, marks=pytest.mark.long if (k + i) % 2 else [])
+        pytest.param(interval, limit, marks=pytest.mark.long if (k + i) % 4 else [])
         for k, interval in enumerate([None, (0.8, 0.95), (0.0, None)])
         for i, limit in enumerate([None, 0.2, 0.86, 0.87, 0.95, 5.0])
     ],
@@ -638,6 +638,7 @@ def test_charts_of_errors_are_legible_wherever_the_limit_is(
             assert all(not value[1] < numbers(line.attrib["d"])[0] < value[3] for line in lines)
 
 
+@pytest.mark.long("flat_plate", "slicer_markups", "tube_carrier")
 @pytest.mark.parametrize("name", NAMES)
 def test_charts_of_budgets_are_legible(name: str) -> None:
     found = score(example(name))

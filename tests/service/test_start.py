@@ -117,7 +117,7 @@ def test_a_program_that_calls_main_keeps_its_collector() -> None:
 NOT_THIS_PROCESSOR = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "+fma4"}  # none made since 2017 has it
 
 
-@pytest.mark.long("gate-another processor", "gate-no compiler", "worker-no compiler", "serve-another processor")
+@pytest.mark.long(but=["score-another processor", "serve-no compiler"])
 @pytest.mark.parametrize(
     ("given", "words"),
     [

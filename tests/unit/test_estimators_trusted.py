@@ -89,7 +89,7 @@ SCENES = {
 @pytest.mark.parametrize(
     ("estimator", "name"),
     [
-        pytest.param(estimator, name, marks=pytest.mark.long if (k + i) % 2 else [])
+        pytest.param(estimator, name, marks=pytest.mark.long if (k + i) % 4 else [])
         for k, estimator in enumerate(Estimator)
         for i, name in enumerate(SCENES)
     ],

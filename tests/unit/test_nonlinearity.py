@@ -144,8 +144,8 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
 
 @pytest.mark.parametrize(("views", "azimuth"), [(2, 0.05), (2, 0.9), (3, 0.3)])
 def test_range_is_what_the_slopes_at_another_point_do(views, azimuth):
-    """independent: rows by plain DLTs, scaled so that the fiducials' centroid keeps its depth, and 400,000 draws of
-    them (chance: 0.5 %) where the number has a formula; manufacturing errors included."""
+    """independent: rows by plain DLTs, scaled so that the fiducials' centroid keeps its depth, and 100,000 draws of
+    them (chance: 0.7 %) where the number has a formula; manufacturing errors included."""
     system, matrices, points, aim = scene(views, azimuth)
     centre = np.append(points.mean(axis=0), 1.0)
 
@@ -160,7 +160,7 @@ def test_range_is_what_the_slopes_at_another_point_do(views, azimuth):
         by_noise = np.zeros((2, 2 * views, 4))
         by_noise[range(2), [2 * v, 2 * v + 1]] = 1e-3 * view.target_noise_px * m[2]
         by_input = np.concatenate([by_input, by_noise])
-    moved = np.random.default_rng(5).standard_normal((400_000, len(by_input))) @ by_input.reshape(len(by_input), -1)
+    moved = np.random.default_rng(5).standard_normal((100_000, len(by_input))) @ by_input.reshape(len(by_input), -1)
     moved = moved.reshape(-1, 2 * views, 4)
     to_point = -np.linalg.pinv(rows(matrices)[:, :3])
     first = (moved @ np.append(aim, 1.0)) @ to_point.T
@@ -326,7 +326,7 @@ def displaced(system: System, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("reading", list(Reading))
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_size_is_what_full_turns_do_beyond_their_slopes(seed, reading):
     """sampled: 40,000 draws of play of 0.002 rad, at which the third order is below a hundredth of the second; first
     order is the difference of the same draws and their opposites.  Chance: 1 % of the number, of the larger error."""

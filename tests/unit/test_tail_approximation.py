@@ -96,7 +96,7 @@ SHOT = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
 MEAN = np.array([0.3, -0.1, 0.2])
 
 
-@pytest.mark.long("0.9-0.95-0.1")
+@pytest.mark.long("0.9-0.95-0.1", "0.9-0.95-0.5", "0.95-0.8-2.0")
 @pytest.mark.parametrize("scale", [0.1, 0.5, 2.0])
 @pytest.mark.parametrize(("p", "fraction"), [(0.9, 0.95), (0.95, 0.8)])
 def test_per_unit_against_nested_draws(scale, p, fraction):

@@ -216,6 +216,7 @@ def test_a_mean_far_beyond_the_spread_has_the_quantile_and_slopes_of_quadrature(
     assert (slopes.by_covariance * block).sum() == pytest.approx((up - down) / (2 * step), rel=0.02)
 
 
+@pytest.mark.long("2", "20", "200")
 @pytest.mark.parametrize("spreads", [0, 2, 8, 20, 50, 200, 1000])
 def test_a_bias_of_any_size_costs_a_bounded_number_of_points(spreads):
     """Points are counted, not time: two million of a lattice, 65,536 of a sample.
@@ -323,9 +324,9 @@ DOMINATED = {
 @pytest.mark.long("one normal axis, wider", "two normal axes", "one uniform column")
 @pytest.mark.parametrize("name", DOMINATED)
 def test_a_law_that_one_source_dominates(name):
-    """sampled: 2e6 draws of the deviates themselves, 4.5 standard errors.  closed form: the quantile is homogeneous in
+    """sampled: 5e5 draws of the deviates themselves, 4.5 standard errors.  closed form: the quantile is homogeneous in
     the lengths of the law, so that its derivatives by all of them add up to itself."""
-    law, count = DOMINATED[name], 2_000_000
+    law, count = DOMINATED[name], 500_000
     total = law_quantile(law, 0.95)
     summary = law_summary(law, 0.95)
     assert total.density > 0
@@ -372,7 +373,7 @@ def test_summary_of_two_sources(name):
     """independent: Gaussian contours averaged over both sources by quadrature; short columns are folded, long not."""
     law, p = TWO_SOURCES[name], 0.95
     r = law_quantile(law, p).quantile_mm
-    for limit in (0.0, 0.5 * r, 1.03 * r, 1.4 * r, 40.0):  # inside the lattice, beyond it, beyond the law
+    for limit in (0.5 * r, 1.03 * r, 40.0):  # inside the lattice, beyond it, beyond the law
         found = law_summary(law, p, limit)
         expected = average(law, lambda m, x=limit: norm_sf(x, m, law.covariance))
         assert found.exceedance == pytest.approx(expected, abs=3e-8)
