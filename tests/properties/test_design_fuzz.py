@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from damage import damaged
 from plain_data import EVERY, replaced
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FORMATS
@@ -113,46 +114,6 @@ def test_sections_in_the_wrong_place(there, here):
     for step in here[1]:
         value = value[step]
     attempt(replaced(ALL[there[0]], there[1], value) if there[1] else {"value": value})
-
-
-JUNK = [
-    *(b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\r\n", b"\t", b"!!int ", b"&a ", b"*a ", b"{", b"[", b"- ", b": ", b"? "),
-    *(
-        b"|",
-        b"%YAML 9.9\n",
-        b"---\n",
-        b"...\n",
-        b"'",
-        b'"',
-        b".nan",
-        b"1e999",
-        b"\xc3\x28",
-        b"\xed\xa0\x80",
-        b"~",
-        b"#",
-    ),
-    *(b"<<: *a\n", "\u2028".encode(), "\U0001f4a9".encode(), b"0x10", b"1:30", b"9" * 6000),
-]
-
-
-def damaged(content, rng):
-    """One to four cuts, copies, flips and insertions of bytes."""
-    for _ in range(rng.randint(1, 4)):
-        at = rng.randrange(len(content) + 1)
-        other = rng.randrange(len(content) + 1)
-        kind = rng.randrange(5)
-        if kind == 0:
-            content = content[:at]
-        elif kind == 1:
-            content = content[:at] + rng.choice(JUNK) + content[at:]
-        elif kind == 2:
-            content = content[:at] + content[min(at, other) : min(at, other) + 200] + content[at:]
-        elif kind == 3:
-            content = content[:at] + content[at + rng.randint(1, 60) :]
-        elif content:
-            where = rng.randrange(len(content))
-            content = content[:where] + bytes([rng.randrange(256)]) + content[where + 1 :]
-    return content
 
 
 @pytest.mark.parametrize("seed", range(8))

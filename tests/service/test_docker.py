@@ -399,15 +399,6 @@ def document(unpacked: Path) -> dict[str, Any]:
     return dict(json.loads(call(unpacked, "openapi").stdout))
 
 
-@pytest.mark.long
-def test_the_demo_design_is_shipped(unpacked: Path) -> None:
-    shipped = unpacked / "tailstack_service" / "example_files" / "demo.yaml"
-    assert shipped.read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
-    done = call(unpacked, "validate", str(shipped))
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.replace("\n", "").startswith(f"{shipped}: valid")  # a long path goes on in the next line
-
-
 def test_the_wheel_has_the_page_of_the_api_the_manual_and_the_command(unpacked: Path) -> None:
     ours = ROOT / "service" / "tailstack_service" / "docs_page"
     shipped = {path.name: path.read_bytes() for path in (unpacked / "tailstack_service" / "docs_page").iterdir()}
@@ -448,5 +439,7 @@ def test_examples_come_out_of_it(unpacked: Path) -> None:
     listed = call(unpacked, "example")
     assert "tube_carrier" in listed.stdout, listed.stderr
     assert call(unpacked, "example", "slicer_markups").returncode == 0
-    shipped = unpacked / "tailstack_service" / "example_files" / "paper"
-    assert {"c_arm.yaml", "tables.py", "published_tables.json"} <= {path.name for path in shipped.iterdir()}
+    shipped = unpacked / "tailstack_service" / "example_files"
+    assert (shipped / "demo.yaml").read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
+    names = {path.name for path in (shipped / "paper").iterdir()}
+    assert {"c_arm.yaml", "tables.py", "published_tables.json"} <= names

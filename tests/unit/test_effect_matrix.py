@@ -45,6 +45,8 @@ from tailstack.studies.linearity import study_linearity
 from tailstack.studies.views import study_views
 from tailstack.system import System
 from tailstack_service.cli.main import main
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import render
 from tailstack_service.schemas import json_schema
 from typical import declare
 from validity_trials import paired_norms
@@ -75,7 +77,8 @@ class Subject:
         self.system = compile_design(self.design)
         self.effects = self.system.effects
         self.model = linearise(self.system, self.system.targets[0])
-        self.score = score(self.design, losses=False).targets[0]
+        self.scored = score(self.design, losses=False)
+        self.score = self.scored.targets[0]
         self.p95_mm = self.score.p95_mm
 
     @property
@@ -216,10 +219,7 @@ def meet_gate(own: Subject, folder: Path) -> None:
 
 
 def meet_report(own: Subject, folder: Path) -> None:
-    (folder / "d.json").write_text(json.dumps(own.data), encoding="utf-8")
-    tailstack("report", str(folder / "d.json"), "--parts", "score", "--format", "html", "-o", str(folder / "out"))
-    (page,) = (folder / "out").glob("*.html")
-    text = html.unescape(page.read_text(encoding="utf-8"))
+    text = html.unescape(render("score", to_json(own.scored), "html").decode())
     assert any(effect.label in text for effect in own.effects)
 
 

@@ -99,14 +99,6 @@ def test_a_region_of_every_shape(name: str) -> None:
 
 
 @pytest.mark.long
-def test_box_is_short_for_a_region_of_one_box() -> None:
-    one, other = (optimised(document(**moving(starts=1, **{"box": None} | where)))
-                  for where in ({"box": BOX}, {"region": {"box": BOX}}))  # fmt: skip
-    assert one.design["fiducials"] == other.design["fiducials"]
-    assert excess_mm({"box": BOX}, layout_of(one)) <= 0
-
-
-@pytest.mark.long
 def test_regions_for_groups_leave_the_others_where_they_are() -> None:
     low = {"box": {"min_mm": [-45, -45, -85], "max_mm": [45, 10, -45]}}
     high = {"ball": {"centre_mm": [5, 5, -10], "radius_mm": 45, "inner_radius_mm": 10}}

@@ -7,6 +7,7 @@ by, and what the tool misses is read from ``F~(q1)^-1 F~(q2) F(q2)^-1 F(q1)``: n
 from __future__ import annotations
 
 import json
+import random
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from damage import damaged
 from plain_data import DEMO, replaced
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
@@ -388,11 +390,9 @@ def test_a_file_that_is_no_arm_is_refused_by_name(change: tuple[str, str], code:
 @pytest.mark.hostile
 def test_a_file_with_bytes_changed_is_read_or_refused(run_seed: int) -> None:
     """Any seed: no rate, as nothing else than an arm or a DesignError may come of it."""
-    rng, whole, chain = np.random.default_rng(run_seed), URDF.encode(), UrdfChain(file="arm.urdf")
-    words = [b"1e400", b"nan", b"<!--", b"&#10;", b'"', b"><", b"fixed", b"base", b"\xff", b"\0", b"6.2831854", b""]
+    rng, chain = random.Random(run_seed), UrdfChain(file="arm.urdf")
+    words = [b"1e400", b"nan", b"<!--", b"&#10;", b'"', b"><", b"fixed", b"base", b"\xff", b"\0", b"6.2831854"]
     for _ in range(2000):
-        start, length = int(rng.integers(len(whole))), int(rng.integers(1, 60))
-        piece = words[rng.integers(len(words))] if rng.random() < 0.7 else rng.bytes(1)
-        content = whole[:start] + piece + whole[start + length * int(rng.integers(2)) :]
+        content = damaged(URDF.encode(), rng, words)
         with suppress(DesignError):
             assert len(read_urdf(content, chain)) <= 5

@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from damage import damaged
 from plain_data import DEMO, problems_of
 from tailstack import load_design
 from tailstack.design import design_to_data
@@ -309,19 +310,12 @@ def test_triangles_that_disagree_have_no_inside() -> None:
 
 @pytest.mark.hostile
 def test_damaged_files_are_read_or_refused(run_seed: int) -> None:
-    """random: 2000 files with bytes changed, left out or doubled, binary and text: none is an accident."""
+    """random: 2000 damaged files, binary and text: none is an accident."""
     draw, seen = random.Random(run_seed), Counter[str]()
     whole = [form(SURFACES[name]) for form in (binary, text) for name in ("notched", "stone")]
     words = [b"nan", b"inf", b"1e400", b"-0", b"solid", b"endsolid", b"vertex", b"\x00", b"\xff\xff\xff\xff", b"1,5"]
     for _ in range(2000):
-        content = draw.choice(whole)
-        for _ in range(draw.randint(1, 3)):
-            at = draw.randrange(len(content))
-            put, over = (
-                draw.choice([*words, bytes([draw.randrange(256)]), content[at : at + 300]]),
-                draw.choice([0, 1, 4, 50]),
-            )
-            content = content[:at] + put + content[at + over :] if draw.random() < 0.9 else content[:at]
+        content = damaged(draw.choice(whole), draw, words)
         try:
             mesh = read_surface(content, "part.stl").mesh
         except TailstackError as error:
