@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar, get_args
 from pydantic import ConfigDict, TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
+from tailstack.fields import read_texts
 from tailstack.results.json_text import write_json
 
 R = TypeVar("R")
@@ -73,36 +74,21 @@ def from_plain(kind: type[R], data: Any) -> R:
 
 def record_json_schema(record: type) -> dict[str, Any]:
     """The JSON Schema of a record as it is written, each property with the text that stands below its field."""
-    described = _configure(record, ConfigDict(use_attribute_docstrings=True))
-    made = described.json_schema(mode="serialization", schema_generator=_InheritingSchema)
+    made = _configure(record, ConfigDict()).json_schema(mode="serialization", schema_generator=_DescribedSchema)
     definitions = made["$defs"]
     schema = definitions.pop(made["prefixItems"][0]["$ref"].rpartition("/")[2])
     for each in (schema, *definitions.values()):
-        _complete(each, definitions)
+        if "properties" in each:  # answers always carry every field, and no other
+            each |= {"required": list(each["properties"]), "additionalProperties": False}
     return {**schema, **({"$defs": definitions} if definitions else {})}
 
 
-class _InheritingSchema(GenerateJsonSchema):
-    """Pydantic reads the texts below the fields of a class, and not those in the record that it extends."""
-
+class _DescribedSchema(GenerateJsonSchema):
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
-        made = super().dataclass_schema(schema)
-        bases: list[Any] = schema["cls"].__mro__[1:]
-        for base in (each for each in bases if hasattr(each, "__dataclass_fields__")):
-            for name, field in record_json_schema(base)["properties"].items():
-                made["properties"][name].setdefault("description", field["description"])
+        made, texts = super().dataclass_schema(schema), read_texts(schema["cls"])
+        for name, each in made["properties"].items():
+            each["description"] = texts[name]
         return made
-
-
-def _complete(schema: dict[str, Any], definitions: dict[str, Any]) -> None:
-    """Answers always carry every field, and no other; what is said of one is one line, and stands beside it."""
-    if "properties" in schema:
-        schema["required"] = list(schema["properties"])
-        schema["additionalProperties"] = False
-        for each in schema["properties"].values():
-            of_its_record = definitions.get(each.get("$ref", "").removeprefix("#/$defs/"), {})
-            if words := each.get("description", of_its_record.get("description")):  # pydantic says the same words once
-                each["description"] = " ".join(words.split())
 
 
 # JSON Schemas are written in draft 2020-12, and published in draft 7, too: the language server that VS Code, Neovim and

@@ -65,17 +65,25 @@ class Record(BaseModel):
 
 
 def describe_fields(record: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Its fields by their names, described by the text that stands below each, which is read when first asked for."""
-    for base in record.__mro__[: record.__mro__.index(BaseModel)]:
-        for name, words in _read_texts(base.__module__).get(base.__name__, {}).items():
-            field = record.model_fields[name]
-            field.description = field.description or words
+    """Its fields by their names, described by the text that stands below each."""
+    for name, words in read_texts(record).items():
+        field = record.model_fields[name]
+        field.description = field.description or words
     return record.model_fields
 
 
+def read_texts(record: type) -> dict[str, str]:
+    """By field of a record, or of those that it extends: the text that stands below it in the source, in one line."""
+    texts: dict[str, str] = {}
+    for base in reversed(record.__mro__):
+        if base.__module__ not in ("builtins", "pydantic.main"):
+            texts |= _read_module(base.__module__).get(base.__name__, {})
+    return texts
+
+
 @cache
-def _read_texts(module: str) -> dict[str, dict[str, str]]:
-    """The text below each field of each class of a module, in one line: by class and field."""
+def _read_module(module: str) -> dict[str, dict[str, str]]:
+    """Texts by class and field.  The source is read when it is first asked for."""
     classes = (
         each for each in ast.parse(inspect.getsource(sys.modules[module])).body if isinstance(each, ast.ClassDef)
     )

@@ -201,7 +201,6 @@ class GateRecord(Result):
     """Designs held to a policy."""
 
     schema: Literal["tailstack/gate/1"]
-    """Name and version of this record's schema."""
     verdict: GateVerdict
     """The worst verdict of all designs."""
     exit_code: int

@@ -206,7 +206,6 @@ class Conversion(Published):
     """A fiducial file or a design in another format, and the fiducials in it."""
 
     schema: Literal["tailstack/conversion/1"]
-    """Name and version of this record's schema."""
     format: Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
     """Format of `content`."""
     content: str

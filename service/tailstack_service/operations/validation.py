@@ -47,7 +47,6 @@ class Validation(Published):
     """A design that was read and checked, and what it holds.  No error was computed."""
 
     schema: Literal["tailstack/validation/1"]
-    """Name and version of this record's schema."""
     valid: Literal[True]
     """A design that is not valid is answered with a problem document."""
     name: str

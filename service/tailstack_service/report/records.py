@@ -144,7 +144,6 @@ class Report(Published):
     """A design, what was found about it, and how to find it again."""
 
     schema: Literal["tailstack/report/1"]
-    """Name and version of this record's schema."""
     title: str
     """Title of the report: the design's name."""
     headline: Headline
@@ -164,7 +163,6 @@ class Report(Published):
     reproduction: Reproduction
     """How to get the same numbers again."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
     radiostereometry: Radiostereometry | None = None
     """What ISO 16087 asks for, with the profile rsa; null: it was not asked for."""
 
@@ -229,7 +227,6 @@ class Comparison(Published):
     """Two designs computed alike, with the same seed, and what sets them apart."""
 
     schema: Literal["tailstack/comparison/1"]
-    """Name and version of this record's schema."""
     title: str
     """Title of the comparison: the names of both designs."""
     headline: ComparisonHeadline

@@ -54,7 +54,6 @@ class Allocation(Published):
     """The cheapest half-widths that keep the limits at the layout as it is, to first order under the declared laws."""
 
     schema: Literal["tailstack/allocation/1"]
-    """Name and version of this record's schema."""
     status: Literal["kept", "out of reach"]
     """out of reach: not even the least half-widths keep the limits; they are the answer then."""
     requirement: str

@@ -16,7 +16,6 @@ class ScoredTable(Published):
     """A design scored for each row of a table: the table's own columns, and those of the answer."""
 
     schema: Literal["tailstack/batch/1"]
-    """Name and version of this record's schema."""
     pointers: dict[str, str]
     """JSON pointer of the number of the design that each of these columns gave."""
     columns: dict[str, Cells]

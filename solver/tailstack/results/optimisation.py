@@ -320,7 +320,6 @@ class Optimisation(Result):
     """
 
     schema: Literal["tailstack/optimisation/1"]
-    """Name and version of this record's schema."""
     status: Literal["verified"]
     """The new design keeps what was asked for by its Monte Carlo check; what does not is refused, not answered."""
     objective: str

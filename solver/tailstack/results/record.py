@@ -28,6 +28,10 @@ class Published:
     """A record with a schema of its own: ``repr`` says which and of what, for all that it holds is many screens."""
 
     __slots__ = ()
+    schema: str
+    """Name and version of this record's schema."""
+    provenance: Any
+    """Which design, by which version, under which model, and what is not included."""
 
     def __repr__(self) -> str:
         provenance = getattr(self, "provenance", None)

@@ -381,7 +381,6 @@ class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
 
     schema: Literal["tailstack/score/1"]
-    """Name and version of this record's schema."""
     targets: tuple[TargetScore, ...]
     """One entry for each target and each sample of a region."""
     validity: Validity
@@ -391,7 +390,6 @@ class Score(Result):
     verdict: Verdict
     """Requirements held against first order."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
     losses: tuple[Losses, ...] = ()
     """What becomes of each requirement when one or two fiducials are lost; empty where that was not asked for."""
     reliability: tuple[SlipReliability, ...] = ()

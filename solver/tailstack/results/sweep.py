@@ -87,7 +87,6 @@ class Sweep(Result):
     """A grid of designs: every combination of the axes' values, the last axis running fastest."""
 
     schema: Literal["tailstack/sweep/1"]
-    """Name and version of this record's schema."""
     axes: tuple[SweepAxis, ...]
     """The numbers of the design that were varied."""
     check: Literal["score", "verification"]

@@ -97,7 +97,6 @@ class Verification(Result):
     """Monte Carlo on the full nonlinear chain."""
 
     schema: Literal["tailstack/verification/1"]
-    """Name and version of this record's schema."""
     seed: int
     """Seed of the trials: the same seed gives the same digits."""
     trials: int
@@ -125,7 +124,6 @@ class Verification(Result):
     verdict: Verdict
     """Requirements held against the sampled errors."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
     losses: DrawnLosses | None = None
     """Shots with fiducials missed; null where the design does not say how often they are."""
     measures: tuple[MeasureResult, ...] = ()

@@ -111,7 +111,6 @@ class StudyCoupling(Published):
     """Is the tail of installation error and noise together more than the parts?"""
 
     schema: Literal["tailstack/study-coupling/1"]
-    """Name and version of this record's schema."""
     error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     quantile: float
@@ -135,7 +134,6 @@ class StudyCoupling(Published):
     validity: Validity
     """How far the linearisation can be trusted."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
 
 
 ROOM, MOST = 2**23, 2**25  # trials times targets of a case: by default, and at most (2 GB)

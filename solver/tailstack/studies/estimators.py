@@ -60,7 +60,6 @@ class StudyEstimators(Published):
     """The same design under each estimator."""
 
     schema: Literal["tailstack/study-estimators/1"]
-    """Name and version of this record's schema."""
     focal_rel_sd: float
     """Standard deviation of the assumed focal length, relative, where a view of the design says nothing of its own."""
     principal_point_px_sd: float

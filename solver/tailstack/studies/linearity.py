@@ -85,7 +85,6 @@ class StudyLinearity(Published):
     """Where first order is good, and where it is optimistic."""
 
     schema: Literal["tailstack/study-linearity/1"]
-    """Name and version of this record's schema."""
     target: str
     """Name of the target."""
     error: PointError
@@ -115,7 +114,6 @@ class StudyLinearity(Published):
     varied: str
     """What was changed in the design, in words."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
 
 
 NOISES_PX = (0.3, 1.0, 3.0, 10.0)

@@ -51,7 +51,6 @@ class StudyPlacement(Published):
     """What another number of fiducials, envelope, angle or estimator buys at best."""
 
     schema: Literal["tailstack/study-placement/1"]
-    """Name and version of this record's schema."""
     error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     starts: int
@@ -74,7 +73,6 @@ class StudyPlacement(Published):
     conclusions: tuple[str, ...]
     """What it comes to for a designer; what may buy most comes first."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
 
 
 def study_placement(

@@ -92,7 +92,6 @@ class StudyViews(Published):
     """Which view buys most."""
 
     schema: Literal["tailstack/study-views/1"]
-    """Name and version of this record's schema."""
     error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     cone_deg: float
@@ -110,7 +109,6 @@ class StudyViews(Published):
     conclusions: tuple[str, ...]
     """What it comes to for a designer; what buys most comes first."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
 
 
 def study_views(

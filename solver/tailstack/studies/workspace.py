@@ -58,7 +58,6 @@ class StudyWorkspace(Published):
     """Where the arm may go."""
 
     schema: Literal["tailstack/study-workspace/1"]
-    """Name and version of this record's schema."""
     target: str
     """Target whose error at the tool is studied."""
     limit_mm: float
@@ -88,7 +87,6 @@ class StudyWorkspace(Published):
     conclusions: tuple[str, ...]
     """What it comes to for a designer."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
 
 
 def study_workspace(

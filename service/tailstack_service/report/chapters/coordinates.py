@@ -68,7 +68,6 @@ class Layout(Published):
     """Where fiducials and targets are, in space and in every image."""
 
     schema: Literal["tailstack/layout/1"]
-    """Name and version of this record's schema."""
     fiducials: tuple[PlacedPoint, ...]
     """Fiducials in the order of the design."""
     targets: tuple[PlacedPoint, ...]

@@ -82,7 +82,6 @@ class Sheet(Published):
     """What a supplier needs of a design, and no more."""
 
     schema: Literal["tailstack/sheet/1"]
-    """Name and version of this record's schema."""
     datum: str
     """Frame, units and what a tolerance is, in words."""
     beads: tuple[DrawnBead, ...]

@@ -245,7 +245,6 @@ class StudyComparison(Published):
     """Bench measurements against the prediction of a design."""
 
     schema: Literal["tailstack/study-comparison/1"]
-    """Name and version of this record's schema."""
     error: PointError
     """Error that was measured: tcp (at the tool) or localisation (of the target)."""
     frame: str
@@ -269,4 +268,3 @@ class StudyComparison(Published):
     validity: Validity
     """How far the linearisation can be trusted."""
     provenance: Provenance
-    """Which design, by which version, under which model, and what is not included."""
