@@ -31,12 +31,8 @@ def variable(name: str) -> str:
     return PREFIX + name.upper()
 
 
-class FolderError(TailstackError):
+class FolderError(TailstackError, slug="no-folder", title="There is no folder to write into"):
     """There is no folder that could be written into."""
-
-    slug = "no-folder"
-    title = "There is no folder to write into"
-    exit_code = 3
 
 
 def state_directory() -> Path:

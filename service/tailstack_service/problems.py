@@ -12,105 +12,61 @@ from pathlib import Path
 from typing import Any
 
 from tailstack.errors import (
-    DesignError,
-    IllPosedError,
-    InfeasibleError,
-    KernelError,
     LimitError,
-    MissingExtraError,
-    NotConvergedError,
-    OutOfRangeError,
     Problem,
-    SourcesChangedError,
     TailstackError,
 )
 
-from .environment import FolderError, variable
+from .environment import variable
 
 
-class StoreError(TailstackError):
+class StoreError(TailstackError, slug="store-error", title="The database cannot be used"):
     """The database cannot be used as it is: missing, of another version, damaged, not reachable with this URL."""
 
-    slug = "store-error"
-    title = "The database cannot be used"
-    exit_code = 3
 
-
-class DamagedStore(StoreError):
+class DamagedStore(StoreError, title="What was stored is damaged"):
     """Something that was stored is no longer what was stored."""
 
-    title = "What was stored is damaged"
 
-
-class BadDatabaseUrl(StoreError):
+class BadDatabaseUrl(StoreError, exit_code=2):
     """What was given as the address of a database is none."""
 
-    exit_code = 2
 
-
-class StoreUnavailable(TailstackError):
+class StoreUnavailable(TailstackError, slug="store-unavailable", title="The database does not answer at the moment"):
     """The database is restarting, locked or out of reach; nothing is wrong with the request, ask again.
 
     What was being written is either recorded or it is not.  Every function of the store may be called again after this.
     """
 
-    slug = "store-unavailable"
-    title = "The database does not answer at the moment"
-    exit_code = 3
 
-
-class IdempotencyConflict(TailstackError):
+class IdempotencyConflict(
+    TailstackError, slug="idempotency-conflict", title="This Idempotency-Key belongs to another request", exit_code=2
+):
     """The same Idempotency-Key came with another request."""
 
-    slug = "idempotency-conflict"
-    title = "This Idempotency-Key belongs to another request"
-    exit_code = 2
 
-
-class QueueFull(TailstackError):
+class QueueFull(TailstackError, slug="queue-full", title="Too many unfinished jobs"):
     """A tenant has as many unfinished jobs as it may have."""
 
-    slug = "queue-full"
-    title = "Too many unfinished jobs"
-    exit_code = 3
 
-
-class UnitLost(TailstackError):
+class UnitLost(TailstackError, slug="unit-lost", title="A part of the job could not be computed"):
     """A unit took too many computing processes with it, or never came to an end."""
 
-    slug = "unit-lost"
-    title = "A part of the job could not be computed"
-    exit_code = 3
 
-
-class PdfUnavailable(TailstackError):
+class PdfUnavailable(TailstackError, slug="pdf-unavailable", title="PDF cannot be written here"):
     """The libraries that write PDF are not installed here."""
 
-    slug = "pdf-unavailable"
-    title = "PDF cannot be written here"
-    exit_code = 3
 
-
-class RequestError(TailstackError):
+class RequestError(TailstackError, slug="invalid-request", title="The request is not valid", exit_code=2):
     """The request around the design is wrong: an option, a setting, a flag."""
 
-    slug = "invalid-request"
-    title = "The request is not valid"
-    exit_code = 2
 
-
-class SettingsError(RequestError):
+class SettingsError(RequestError, title="The settings are not valid"):
     """What an operator set cannot be, in the environment or by a flag."""
 
-    title = "The settings are not valid"
 
-
-class MalformedError(TailstackError):
+class MalformedError(TailstackError, slug="malformed-document", title="The document cannot be read", exit_code=2):
     """The body cannot be read as the format it claims to be."""
-
-    slug = "malformed-document"
-    title = "The document cannot be read"
-    exit_code = 2
 
 
 class RefusedAt(TailstackError):
@@ -136,10 +92,13 @@ class RefusedAt(TailstackError):
 
 
 class TransportError(TailstackError):
-    """A refusal by HTTP itself, before any document is looked at."""
+    """A refusal by HTTP itself, before any document is looked at; ``code``: where it is not the slug."""
 
-    def __init__(self, slug: str, problem: Problem, headers: dict[str, str] | None = None) -> None:
-        super().__init__(problem)
+    def __init__(
+        self, slug: str, detail: str, hint: str = "", headers: dict[str, str] | None = None, *, code: str = "",
+        pointer: str = "",
+    ) -> None:  # fmt: skip
+        super().__init__(Problem(pointer, code or slug, detail, hint))
         self.slug = slug
         self.title = CATALOGUE[slug].title
         self.headers = headers or {}
@@ -161,29 +120,10 @@ class ProblemType:
     """What to do about it."""
 
 
-# The classes of errors that come with a problem of their own, whose title is theirs
-KINDS: tuple[type[TailstackError], ...] = (
-    DesignError,
-    IllPosedError,
-    OutOfRangeError,
-    NotConvergedError,
-    InfeasibleError,
-    LimitError,
-    RequestError,
-    MalformedError,
-    FolderError,
-    MissingExtraError,
-    QueueFull,
-    IdempotencyConflict,
-    UnitLost,
-    StoreUnavailable,
-    StoreError,
-    KernelError,
-    SourcesChangedError,
-)
-_TITLES = {kind.slug: kind.title for kind in KINDS}
 _TABLE: list[dict[str, Any]] = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
-CATALOGUE = {entry["slug"]: ProblemType(**{"title": _TITLES.get(entry["slug"]), **entry}) for entry in _TABLE}
+CATALOGUE = {
+    entry["slug"]: ProblemType(**{"title": TailstackError.titles.get(entry["slug"]), **entry}) for entry in _TABLE
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copyreg
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 
 class Edit(NamedTuple):
@@ -46,6 +46,16 @@ class TailstackError(Exception):
     slug = "error"
     title = "The request could not be answered"
     exit_code = 3
+    titles: ClassVar[dict[str, str]] = {}  # by slug, of the first class that has it
+
+    def __init_subclass__(
+        cls, *, slug: str | None = None, title: str | None = None, exit_code: int | None = None
+    ) -> None:
+        """What is not said is that of the class that it extends."""
+        for name, stated in (("slug", slug), ("title", title), ("exit_code", exit_code)):
+            if stated is not None:
+                setattr(cls, name, stated)
+        TailstackError.titles.setdefault(cls.slug, cls.title)
 
     def __init__(self, problems: Problem | tuple[Problem, ...] | list[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
@@ -56,90 +66,54 @@ class TailstackError(Exception):
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
-class DesignError(TailstackError):
+class DesignError(TailstackError, slug="invalid-design", title="The design document is not valid", exit_code=2):
     """The document does not follow the rules of a design (types, units, names, limits)."""
 
-    slug = "invalid-design"
-    title = "The design document is not valid"
-    exit_code = 2
 
-
-class StepError(DesignError):
+class StepError(DesignError, title="The STEP file cannot be used"):
     """A STEP file contradicts itself, or does not hold what is asked for."""
 
-    title = "The STEP file cannot be used"
 
-
-class IllPosedError(TailstackError):
+class IllPosedError(TailstackError, slug="ill-posed-geometry", title="The geometry does not determine the answer"):
     """The document is well formed, but its geometry does not determine the answer."""
 
-    slug = "ill-posed-geometry"
-    title = "The geometry does not determine the answer"
-    exit_code = 3
 
-
-class OutOfRangeError(TailstackError):
+class OutOfRangeError(TailstackError, slug="method-out-of-range", title="The method does not hold here"):
     """A method was asked for outside the range in which its result means anything."""
 
-    slug = "method-out-of-range"
-    title = "The method does not hold here"
-    exit_code = 3
 
-
-class NotConvergedError(TailstackError):
+class NotConvergedError(TailstackError, slug="not-converged", title="The computation did not converge"):
     """A numerical method stopped before its own test of convergence passed."""
 
-    slug = "not-converged"
-    title = "The computation did not converge"
-    exit_code = 3
 
-
-class InfeasibleError(TailstackError):
+class InfeasibleError(
+    TailstackError, slug="infeasible", title="No design within the given freedom meets the requirement", exit_code=1
+):
     """No design in the space that was given meets the requirement."""
 
-    slug = "infeasible"
-    title = "No design within the given freedom meets the requirement"
-    exit_code = 1
 
-
-class LimitError(TailstackError):
+class LimitError(TailstackError, slug="limit-exceeded", title="The request is larger than a stated limit", exit_code=2):
     """The request is larger than a stated limit."""
 
-    slug = "limit-exceeded"
-    title = "The request is larger than a stated limit"
-    exit_code = 2
 
-
-class KernelError(TailstackError):
+class KernelError(TailstackError, slug="kernels-unusable", title="The compiled kernels cannot run here", exit_code=2):
     """numba's settings do not let the compiled kernels run on this processor."""
 
-    slug = "kernels-unusable"
-    title = "The compiled kernels cannot run here"
-    exit_code = 2
 
-
-class SourcesChangedError(TailstackError):
+class SourcesChangedError(
+    TailstackError, slug="sources-changed", title="The installation changed under a running process"
+):
     """The package's files were replaced while this process was running."""
 
-    slug = "sources-changed"
-    title = "The installation changed under a running process"
-    exit_code = 3
 
-
-class MissingExtraError(TailstackError):
+class MissingExtraError(
+    TailstackError, slug="missing-extra", title="A part of tailstack is not installed", exit_code=2
+):
     """A package that an extra of tailstack brings is needed, and not installed."""
 
-    slug = "missing-extra"
-    title = "A part of tailstack is not installed"
-    exit_code = 2
 
-
-class StudyError(TailstackError):
+class StudyError(TailstackError, slug="invalid-request", title="The request is not valid", exit_code=2):
     """An axis, a target or a number of trials that cannot be."""
-
-    slug = "invalid-request"
-    title = "The request is not valid"
-    exit_code = 2
 
 
 def describe_refusal(error: TailstackError) -> str:

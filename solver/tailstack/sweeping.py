@@ -29,12 +29,8 @@ Check = Literal["score", "verification"]
 Progress = Callable[[int, int], None]
 
 
-class SweepError(TailstackError):
+class SweepError(TailstackError, slug="invalid-request", title="The request is not valid", exit_code=2):
     """What is to be varied is not there, not a number, or not said in full."""
-
-    slug = "invalid-request"
-    title = "The request is not valid"
-    exit_code = 2
 
 
 @dataclass(frozen=True, slots=True)

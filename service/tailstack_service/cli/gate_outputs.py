@@ -29,12 +29,8 @@ FOR_PEOPLE = ("text", "markdown", "github")  # on stdout they say why a gate fai
 MEND = "make room for it or give another name, then run the gate again: no verdict is given without its files"
 
 
-class OutputError(TailstackError):
+class OutputError(TailstackError, slug="invalid-request", title="An output cannot be written"):
     """Somewhere an output was asked for cannot be written to."""
-
-    slug = "invalid-request"
-    title = "An output cannot be written"
-    exit_code = 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,11 +98,8 @@ def report_error(error: TailstackError | OSError, arguments: argparse.Namespace)
     return _report(error, arguments, error.exit_code)
 
 
-class RequestOrSystemError(TailstackError):
+class RequestOrSystemError(TailstackError, slug="invalid-request", title="The operating system refused"):
     """The operating system refused: a file, a port, a full disk."""
-
-    slug = "invalid-request"
-    title = "The operating system refused"
 
 
 def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> int:
@@ -129,8 +126,9 @@ def report_failure(error: BaseException, arguments: argparse.Namespace) -> int:
     if getattr(arguments, "json", False):
         from ..problems import TransportError
 
-        problem = Problem("", "internal-error", f"{type(error).__name__}: {error}", "repeat with TAILSTACK_TRACEBACK=1")
-        return _report(TransportError("internal-error", problem), arguments, NOT_EVALUATED)
+        defect = f"{type(error).__name__}: {error}"
+        told = TransportError("internal-error", defect, "repeat with TAILSTACK_TRACEBACK=1")
+        return _report(told, arguments, NOT_EVALUATED)
     print(
         f"tailstack {arguments.verb}: internal error, {type(error).__name__}: {error}\n"
         "This is a defect of tailstack, not of the design; nothing was evaluated. To see where it happened,\n"

@@ -423,12 +423,8 @@ def _refuse_unjudged(case: Case) -> TailstackError | None:
     return NothingToJudge(Problem("", "nothing-to-judge", detail, hint))
 
 
-class NothingToJudge(TailstackError):
+class NothingToJudge(TailstackError, slug="not-evaluated", title="There is nothing to judge"):
     """No limit was judged: none is set, or the rules that judge them are off."""
-
-    slug = "not-evaluated"
-    title = "There is nothing to judge"
-    exit_code = 3
 
 
 def report_refusal(entry: GateDesign, refusal: TailstackError) -> list[GateFinding]:

@@ -29,12 +29,10 @@ Given = str | bytes | Path | Mapping[str, Any]
 _Document = TypeVar("_Document", bound=BaseModel)
 
 
-class GateError(TailstackError):
+class GateError(
+    TailstackError, slug="invalid-policy", title="The policy, waivers or baseline cannot be used", exit_code=2
+):
     """The policy, the waivers or the baseline cannot be read, or breaks a rule."""
-
-    slug = "invalid-policy"
-    title = "The policy, waivers or baseline cannot be used"
-    exit_code = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,7 +90,7 @@ class Access:
         if host is not None and not _names_this_machine(host, self._hosts):
             detail = f"the Host header says {host.decode('latin-1')[:80]!r}, and that is not this machine"
             hint = f"use 127.0.0.1 or localhost, or add the name to {variable('allowed_hosts')}"
-            raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
+            raise TransportError("wrong-host", detail, hint)
         if method in SAFE_METHODS:
             return
         if origin is not None and not _is_own_origin(origin, scheme, host or b""):
@@ -107,11 +107,8 @@ class Access:
         if scope not in caller.scopes:
             detail = f"this needs the scope {scope}; {caller.name} has {', '.join(sorted(caller.scopes)) or 'none'}"
             challenge = f'Bearer error="insufficient_scope", scope="{scope}"'
-            raise TransportError(
-                "forbidden",
-                Problem("", "missing-scope", detail, f"use a key with the scope {scope}"),
-                {"WWW-Authenticate": challenge},
-            )
+            hint, headers = f"use a key with the scope {scope}", {"WWW-Authenticate": challenge}
+            raise TransportError("forbidden", detail, hint, headers, code="missing-scope")
         return caller
 
     def _record(self, key_id: str, tenant: str, address: str) -> None:
@@ -180,7 +177,7 @@ def _names_this_machine(host: bytes, hosts: frozenset[str]) -> bool:
 
 def _origin_error(who: str) -> TransportError:
     detail = f"{who} may not change anything here"
-    return TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
+    return TransportError("forbidden", detail, "call the service from a program", code="foreign-origin")
 
 
 def _is_own_origin(origin: bytes, scheme: str, host: bytes) -> bool:
@@ -308,8 +305,7 @@ def credential_error(detail: str, error: str = "invalid_token") -> TransportErro
     """401 with the challenge of RFC 6750."""
     challenge = 'Bearer realm="tailstack"' + (f', error="{error}"' if error else "")
     hint = "send Authorization: Bearer <API key or JSON Web Token>"
-    problem = Problem("", "unauthenticated", detail, hint)
-    return TransportError("unauthenticated", problem, {"WWW-Authenticate": challenge})
+    return TransportError("unauthenticated", detail, hint, {"WWW-Authenticate": challenge})
 
 
 def is_loopback(host: str) -> bool:

@@ -20,7 +20,7 @@ from fastapi.routing import APIRoute
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tailstack.errors import Problem, TailstackError
+from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, designs, keys
@@ -283,5 +283,4 @@ def _first_headers(scope: Scope) -> dict[bytes, bytes]:
 def _two_lengths_error() -> TransportError:
     """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
     detail = "the request says its length twice: Content-Length and Transfer-Encoding"
-    problem = Problem("", "two-lengths", detail, "send one of them")
-    return TransportError("malformed-document", problem, {"Connection": "close"})
+    return TransportError("malformed-document", detail, "send one of them", {"Connection": "close"}, code="two-lengths")

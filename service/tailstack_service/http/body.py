@@ -73,8 +73,7 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
             "--data-binary @FILE"
         )
     detail = f"this operation reads {', '.join([JSON, *taken[:-1]])}; UTF-8, not compressed; got {refused}"
-    problem = Problem("", "content-type", detail, cure)
-    raise TransportError("unsupported-media-type", problem)
+    raise TransportError("unsupported-media-type", detail, cure, code="content-type")
 
 
 async def read_body(request: Request, setting: str = "max_body_bytes") -> bytes:
@@ -104,30 +103,17 @@ async def read_body(request: Request, setting: str = "max_body_bytes") -> bytes:
                 elif size > DRAINED + limit:
                     raise _too_long(f"more than {size} bytes arrived", setting, limit)
     except TimeoutError:
-        raise TransportError(
-            "body-timeout",
-            Problem(
-                "",
-                "too-slow",
-                f"the body was not complete after {settings.body_seconds:g} s; {size} bytes arrived",
-                f"send it faster, or start the service with a higher {variable('body_seconds')}",
-            ),
-            {"Connection": "close"},
-        ) from None
+        detail = f"the body was not complete after {settings.body_seconds:g} s; {size} bytes arrived"
+        hint = f"send it faster, or start the service with a higher {variable('body_seconds')}"
+        raise TransportError("body-timeout", detail, hint, {"Connection": "close"}, code="too-slow") from None
     if size > limit:
         raise _too_long(f"{size} bytes arrived", setting, limit)
     return b"".join(chunks)
 
 
 def _too_long(arrived: str, setting: str, limit: int) -> TailstackError:
-    error = LimitError(
-        Problem(
-            "",
-            "too-large",
-            f"a request body may hold {limit} bytes; {arrived}",
-            f"send less, or start the service with a higher {variable(setting)}",
-        )
-    )
+    hint = f"send less, or start the service with a higher {variable(setting)}"
+    error = LimitError(Problem("", "too-large", f"a request body may hold {limit} bytes; {arrived}", hint))
     return BodyTooLarge(error.problems)
 
 

@@ -333,7 +333,7 @@ class ComputePool:
     def _busy(self) -> TransportError:
         detail = f"{self.count} computations are under way and {self.waiting} wait, the limit"
         hint = "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING"
-        return TransportError("busy", Problem("", "busy", detail, hint), {"Retry-After": "2"})
+        return TransportError("busy", detail, hint, {"Retry-After": "2"})
 
     # --- the processes --------------------------------------------------------------------------------
 
@@ -360,7 +360,7 @@ def _warm_up_error(waited_seconds: float) -> TransportError:
     detail = f"the numerical kernels are still being compiled; waited {waited_seconds:g} s ({setting})"
     hint = "send the request again later: GET /health/ready answers 200 when they are there"
     headers = {"Retry-After": str(WARMTH_RETRY_SECONDS)}
-    return TransportError("warming-up", Problem("", "warming-up", detail, hint), headers)
+    return TransportError("warming-up", detail, hint, headers)
 
 
 def _too_long_error(seconds: float) -> LimitError:
@@ -370,12 +370,10 @@ def _too_long_error(seconds: float) -> LimitError:
 
 
 def _out_of_date_error(error: OutOfDate) -> TransportError:
-    problem = Problem("", "sources-changed", str(error), "the operator restarts the service")
-    return TransportError("stopping", problem, {"Retry-After": "10"})
+    hint, headers = "the operator restarts the service", {"Retry-After": "10"}
+    return TransportError("stopping", str(error), hint, headers, code="sources-changed")
 
 
 def stopping_error() -> TransportError:
     """What is said to whoever waits when the service is told to stop."""
-    return TransportError(
-        "stopping", Problem("", "stopping", "the service was told to stop", "try again later"), {"Retry-After": "10"}
-    )
+    return TransportError("stopping", "the service was told to stop", "try again later", {"Retry-After": "10"})

@@ -73,7 +73,7 @@ def _seat_error(service: Service, seat: Seat) -> TransportError:
         slug, setting, whose = "busy", "max_streams", ""
     detail = f"{getattr(service.settings, setting)} event streams and waits{whose} are open, the limit"
     hint = f"close one, or ask for the job's record instead; the operator's setting is {variable(setting)}"
-    return TransportError(slug, Problem("", slug, detail, hint), {"Retry-After": str(SEAT_SECONDS)})
+    return TransportError(slug, detail, hint, {"Retry-After": str(SEAT_SECONDS)})
 
 
 class _EventStream(StreamingResponse):

@@ -240,7 +240,7 @@ async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in TITLES:
         hint = ask_label(name, TITLES, f"one of {', '.join(TITLES)}")
-        raise _unknown_name_error(f"no schema is called {name[:60]!r}", hint)
+        raise TransportError("not-found", f"no schema is called {name[:60]!r}", hint)
     asked = single(request.query_params.multi_items(), "draft")
     asked = DRAFTS[0] if asked is None else asked
     draft = next((known for known in DRAFTS if known == asked), None)
@@ -303,7 +303,7 @@ async def examples() -> Response:
 async def example(request: Request) -> Response:
     name, known = request.path_params["name"], await asyncio.to_thread(list_example_designs)
     if name not in known:
-        raise _unknown_name_error(f"no example is called {name[:60]!r}", f"one of {', '.join(known)}")
+        raise TransportError("not-found", f"no example is called {name[:60]!r}", f"one of {', '.join(known)}")
     commented = takes(request, "accept", YAML)
     write = (lambda: write_example(name)) if commented else (lambda: write_json(read_example(name)))
     return Response(await asyncio.to_thread(write), headers={"Vary": "Accept"}, media_type=YAML if commented else JSON)
@@ -327,7 +327,7 @@ async def problem_type(request: Request) -> Response:
     slug = request.path_params["slug"]
     if slug not in CATALOGUE:
         hint = ask_label(slug, CATALOGUE, f"one of {', '.join(CATALOGUE)}")
-        raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", hint)
+        raise TransportError("not-found", f"no class of problems is called {slug[:60]!r}", hint)
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)
 
@@ -354,7 +354,3 @@ def _document(app: FastAPI, root: str) -> bytes:
 
 for _path, _look in (("/health/live", liveness), ("/health/ready", readiness)):  # load balancers ask so
     router.add_api_route(_path, _look, methods=["HEAD"], include_in_schema=False)
-
-
-def _unknown_name_error(detail: str, hint: str) -> TransportError:
-    return TransportError("not-found", Problem("", "not-found", detail, hint))

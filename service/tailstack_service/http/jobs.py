@@ -59,7 +59,7 @@ READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 def not_found_error(what: str, name: str) -> TransportError:
     """404, the same words for what never was and for what belongs to another tenant."""
-    return TransportError("not-found", Problem("", "not-found", f"there is no {what} {name[:80]!r}"))
+    return TransportError("not-found", f"there is no {what} {name[:80]!r}")
 
 
 async def find_job(request: Request) -> Job:
@@ -221,7 +221,7 @@ async def cancel_job(request: Request) -> Response:
         raise not_found_error("job", job_id)
     if job.state != "cancelled":
         detail = f"the job has {job.state}; there is nothing to cancel"
-        raise TransportError("finished", Problem("", "finished", detail, f"GET /v1/jobs/{job.id}"))
+        raise TransportError("finished", detail, f"GET /v1/jobs/{job.id}")
     return accepted_response(job)
 
 
@@ -254,10 +254,10 @@ def failure_response(request: Request, job: Job, *, bare_design: bool = False) -
             replace(document, instance=path_of(request), request_id=request.state.request_id, errors=errors)
         )
     if job.is_over:
-        raise TransportError("cancelled", Problem("", "cancelled", "the job was cancelled; it has no result"))
+        raise TransportError("cancelled", "the job was cancelled; it has no result")
     detail = f"the job is {job.state}: {job.units_done} of about {job.units_expected} units are done"
     hint = f"ask again later, or follow /v1/jobs/{job.id}/events"
-    raise TransportError("not-finished", Problem("", "not-finished", detail, hint), retry_after())
+    raise TransportError("not-finished", detail, hint, retry_after())
 
 
 UNCHANGING = {"ETag": "ETag", "Cache_Control": "CacheControl", "Vary": "Vary"}

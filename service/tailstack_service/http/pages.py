@@ -16,7 +16,6 @@ from pathlib import Path
 from fastapi import APIRouter, Depends, Request, Response
 
 from tailstack import __version__
-from tailstack.errors import Problem
 
 from ..problems import TransportError
 from ..shipped import find_manual
@@ -108,8 +107,7 @@ async def send_file(
     """A file of a folder of the package.  Raises TransportError 404 for any name that is not that of a file in it."""
     file = (await asyncio.to_thread(read_files, folder, pattern)).get(name)
     if file is None:
-        problem = Problem("", "not-found", f"there is no file {name[:80]!r}", "GET / leads to the page that is there")
-        raise TransportError("not-found", problem)
+        raise TransportError("not-found", f"there is no file {name[:80]!r}", "GET / leads to the page that is there")
     headers = {"Cache-Control": caching, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
     if policy is not None:
         headers |= {

@@ -96,7 +96,7 @@ async def find_base(request: Request, sha256: str) -> bytes:
     if base is None:
         detail = f"no design with the SHA-256 {sha256} is kept here"
         hint = "send the design whole, in the field design"
-        raise TransportError("unknown-design", Problem(f"/{NAMED}", "unknown-design", detail, hint))
+        raise TransportError("unknown-design", detail, hint, pointer=f"/{NAMED}")
     return base
 
 
@@ -201,9 +201,7 @@ async def _hold_to_budget(service: Service, tenant: str) -> None:
     if used >= budget:
         detail = f"{budget:g} CPU seconds an hour are given to a tenant; {used:.0f} were used in the last hour"
         hint = f"come back later; the operator's setting is {variable('cpu_seconds_per_hour')}"
-        raise TransportError(
-            "cpu-budget", Problem("", "cpu-budget", detail, hint), {"Retry-After": str(BUDGET_RETRY_SECONDS)}
-        )
+        raise TransportError("cpu-budget", detail, hint, {"Retry-After": str(BUDGET_RETRY_SECONDS)})
 
 
 async def _await_end(request: Request, service: Service, job: Job, seconds: float) -> Job:

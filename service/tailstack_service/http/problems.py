@@ -11,7 +11,7 @@ from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 
 from tailstack.cures import find_nearest
-from tailstack.errors import Problem, TailstackError
+from tailstack.errors import TailstackError
 
 from ..documents import to_json
 from ..problems import DamagedStore, ProblemDocument, StoreError, StoreUnavailable, TransportError, problem_document
@@ -55,17 +55,14 @@ def refusal_response(request: Request, error: TailstackError) -> Response:
 
 def defect_error() -> TransportError:
     """What a client is told of an exception that nobody expected."""
-    return TransportError(
-        "internal-error",
-        Problem("", "internal-error", "the request met a defect of the service", "report it with the id"),
-    )
+    return TransportError("internal-error", "the request met a defect of the service", "report it with the id")
 
 
 def _hide_address(request_id: str, error: TailstackError) -> TransportError:
     """What a driver says may name hosts, files and users: that is for the log, not for a client."""
     log.warning("the database failed a request: %s", error, extra={"action": error.slug, "request": request_id})
     detail = "the database does not answer" if error.slug == "store-unavailable" else "the database cannot be used"
-    return TransportError(error.slug, Problem("", error.slug, detail, "the log says why, under the id of the request"))
+    return TransportError(error.slug, detail, "the log says why, under the id of the request")
 
 
 async def _answer_refusal(request: Request, error: Any) -> Response:
@@ -81,11 +78,11 @@ async def _answer_unrouted(request: Request, error: Any) -> Response:
     path = path_of(request)[:LONGEST_PATH]
     if error.status_code != 405:
         hint = f"{_name_route(request, path)} GET /openapi.json lists every path".strip()
-        problem = Problem("", "not-found", f"there is nothing at {path}", hint)
-        return refusal_response(request, TransportError("not-found", problem))
+        return refusal_response(request, TransportError("not-found", f"there is nothing at {path}", hint))
     allowed = error.headers["Allow"]
-    problem = Problem("", "method-not-allowed", f"{path} does not answer to {request.method}", f"use {allowed}")
-    return refusal_response(request, TransportError("method-not-allowed", problem, {"Allow": allowed}))
+    detail = f"{path} does not answer to {request.method}"
+    error = TransportError("method-not-allowed", detail, f"use {allowed}", {"Allow": allowed})
+    return refusal_response(request, error)
 
 
 def _name_route(request: Request, path: str) -> str:

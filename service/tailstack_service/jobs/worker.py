@@ -74,7 +74,7 @@ def log_unit(level: int, action: str, claim: Claim, words: str, **fields: Any) -
 def make_defect_outcome() -> Outcome:
     """Of a unit that raised what is not a refusal; its traceback belongs into the log."""
     hint = "report it with the job's id: the log of the worker holds the cause under it"
-    error = TransportError("internal-error", Problem("", "internal-error", "the job met a defect of the service", hint))
+    error = TransportError("internal-error", "the job met a defect of the service", hint)
     return Outcome(0.0, problem=render_problem(error))
 
 

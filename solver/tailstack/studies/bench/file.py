@@ -213,12 +213,8 @@ LABELS: dict[Form, tuple[str, ...]] = {
 }
 
 
-class MeasurementError(TailstackError):
+class MeasurementError(TailstackError, slug="invalid-request", title="The measurements are not valid", exit_code=2):
     """The measurement file does not say what it must, or says what cannot be."""
-
-    slug = "invalid-request"
-    title = "The measurements are not valid"
-    exit_code = 2
 
 
 @dataclass(frozen=True, slots=True)
