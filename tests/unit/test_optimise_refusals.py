@@ -521,19 +521,22 @@ SLOW: dict[str, Data] = {
 }
 # Hints that name a shape or a level, not a number.
 WORDS = {"outside-view", "outside-symmetry", "kept-out", "does-not-fit", "drawn-again"}
-# As many as a programme holds; a version of a package.
-ELSEWHERE = {"too-many", "missing-solver"}
+# As many as a programme holds.
+ELSEWHERE = {"too-many"}
 
 
 def told_with_numbers() -> Iterator[str]:
     """Codes of the refusals of the optimiser whose hint has something put into it."""
     for path in sorted(Path(tailstack.optimisation.__file__).parent.glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Problem" and len(node.args) > 3:
-                code, hint = node.args[1], node.args[3]
-                if any(isinstance(part, ast.FormattedValue | ast.Name) for part in ast.walk(hint)):
-                    assert isinstance(code, ast.Constant)
-                    yield str(code.value)
+        functions = (each for each in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(each, ast.FunctionDef))
+        for inside in map(list, map(ast.walk, functions)):
+            assigned = {ast.unparse(each.targets[0]): each.value for each in inside if isinstance(each, ast.Assign)}
+            for node in inside:
+                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Problem" and len(node.args) > 3:
+                    code, hint = node.args[1], assigned.get(ast.unparse(node.args[3]), node.args[3])
+                    if any(isinstance(part, ast.FormattedValue | ast.Name) for part in ast.walk(hint)):
+                        assert isinstance(code, ast.Constant)
+                        yield str(code.value)
 
 
 def test_every_hint_with_a_number_is_obeyed_below() -> None:

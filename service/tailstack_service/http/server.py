@@ -49,14 +49,9 @@ SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when 
 def bind(host: str, port: int, settings: Settings) -> socket.socket:
     """A listening socket.  Raises RequestError for a public address without authentication."""
     if settings.auth != "required" and not is_loopback(host):
-        raise RequestError(
-            Problem(
-                "",
-                "not-loopback",
-                f"{host} can be reached from other machines, and {variable('auth')} is none",
-                f"serve on 127.0.0.1, or make a key (tailstack keys create) and set {variable('auth')}=required",
-            )
-        )
+        detail = f"{host} can be reached from other machines, and {variable('auth')} is none"
+        hint = f"serve on 127.0.0.1, or make a key (tailstack keys create) and set {variable('auth')}=required"
+        raise RequestError(Problem("", "not-loopback", detail, hint))
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         bound = socket.socket(family, kind, protocol)
@@ -68,14 +63,9 @@ def bind(host: str, port: int, settings: Settings) -> socket.socket:
             bound.close()
             raise
     except OSError as error:
-        raise RequestError(
-            Problem(
-                "",
-                "cannot-listen",
-                f"cannot listen on {host} port {port}: {error.strerror or error}",
-                "choose another port, or --port 0 for any free one",
-            )
-        ) from None
+        detail = f"cannot listen on {host} port {port}: {error.strerror or error}"
+        hint = "choose another port, or --port 0 for any free one"
+        raise RequestError(Problem("", "cannot-listen", detail, hint)) from None
     bound.set_inheritable(False)
     return bound
 

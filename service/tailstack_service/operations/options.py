@@ -142,11 +142,6 @@ def within(value: int | None, setting: str, settings: Settings, pointer: str) ->
     """Refuse a count above its limit.  Raises LimitError that states the limit, what arrived and the setting."""
     limit = getattr(settings, setting)
     if value is not None and value > limit:
-        raise LimitError(
-            Problem(
-                pointer,
-                "too-many",
-                f"at most {limit} {pointer.strip('/').rpartition('/')[2]} are accepted; got {value}",
-                f"ask for fewer, or start the service with a higher {variable(setting)}",
-            )
-        )
+        detail = f"at most {limit} {pointer.strip('/').rpartition('/')[2]} are accepted; got {value}"
+        hint = f"ask for fewer, or start the service with a higher {variable(setting)}"
+        raise LimitError(Problem(pointer, "too-many", detail, hint))

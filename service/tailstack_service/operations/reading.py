@@ -54,12 +54,8 @@ def result_of(source: DocumentSource, schema: str, file: str) -> ReadResult:
     """The result in plain data.  Raises RequestError that says at which field, and in which line if that is known."""
     kind = schema.removeprefix(SCHEMA).partition("/")[0]
     if kind not in list_reported_names() or schema != f"{SCHEMA}{kind}/1":
-        problem = Problem(
-            "/schema",
-            "unsupported-schema",
-            f"no report is made of {show(schema)}",
-            f"results: {', '.join(list_reported_names())}",
-        )
+        detail = f"no report is made of {show(schema)}"
+        problem = Problem("/schema", "unsupported-schema", detail, f"results: {', '.join(list_reported_names())}")
         raise RequestError(_in_file(place(problem, source), file))
     try:
         record: Any = from_plain(OPERATIONS[kind].record(), source.data)

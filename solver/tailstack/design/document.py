@@ -199,12 +199,10 @@ class _Aimed(_View):
     def _directions_differ(self) -> _Aimed:
         beam, up = self.beam, self.up_direction
         if are_parallel(beam, up):
-            raise refusal(
-                "parallel-directions",
-                f"beam direction {list(beam)} and up_direction {list(up)} must be two different directions, not zero",
-                "choose an up_direction across the beam",
-                "up_direction",
+            detail = (
+                f"beam direction {list(beam)} and up_direction {list(up)} must be two different directions, not zero"
             )
+            raise refusal("parallel-directions", detail, "choose an up_direction across the beam", "up_direction")
         return self
 
     @property
@@ -618,13 +616,11 @@ def _check_passive(rows: Sequence[Sequence[float]]) -> None:
             i, j = max(((i, j) for i in range(3) for j in range(i)), key=lambda pair: _excess(matrix, *pair))
             most = float(np.sqrt(matrix[i, i] * matrix[j, j]))
             cure = f"between {'xyz'[j]} and {'xyz'[i]} it is at most {most:g}, the geometric mean of its two diagonals"
-        raise refusal(
-            "not-passive",
+        detail = (
             f"a compliance has no negative eigenvalue; along [{along}] it is {min(values[0], 0):.4g} mm/N: what is "
-            "pushed there would move against the force",
-            cure,
-            "matrix_mm_per_n",
+            "pushed there would move against the force"
         )
+        raise refusal("not-passive", detail, cure, "matrix_mm_per_n")
 
 
 def _excess(matrix: Array, i: int, j: int) -> float:

@@ -468,11 +468,8 @@ class Optimise(Record):
         if len(given) > 1:
             raise refusal("one-of", f"give one of box, region and regions; {' and '.join(given)} arrived", at=given[1])
         if not (given or self.frees_tolerances or self.pivots):
-            raise refusal(
-                "nothing-free",
-                "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change",
-                "add a box",
-            )
+            detail = "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change"
+            raise refusal("nothing-free", detail, "add a box")
         for field in ("keep_out", "symmetry", "count", "stay", "fewest_moves"):
             if getattr(self, field) and not given:
                 raise refusal("unused-field", f"{field} is read only with a region for the fiducials", at=field)
@@ -506,12 +503,9 @@ class Optimise(Record):
             raise refusal("unsupported", "a front is not traced with views", "objective: cost, or leave out views")
         added = [index for index, each in enumerate(self.views or ()) if isinstance(each, AddedView)]
         if added and self.goal != "cost":
-            raise refusal(
-                "unsupported",
-                f"a view is added where it saves more than its price, and objective: {self.goal} saves no cost",
-                "objective: cost with free tolerances; what one more view does to P95 says tailstack study views",
-                at=f"views/{added[0]}/price",
-            )
+            detail = f"a view is added where it saves more than its price, and objective: {self.goal} saves no cost"
+            cure = "objective: cost with free tolerances; what one more view does to P95 says tailstack study views"
+            raise refusal("unsupported", detail, cure, at=f"views/{added[0]}/price")
         if len(added) > 1:
             raise refusal(
                 "too-many", "one view is added at a time", "optimise the new design again", at=f"views/{added[1]}"

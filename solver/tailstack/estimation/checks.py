@@ -313,17 +313,11 @@ def _check_fiducials(share: Share, fewest: int) -> list[Finding]:
             "where the intrinsics are known, model.estimator: pose takes a flat structure",
         )
     if thickness < FLAT * width:
-        return [
-            Finding(
-                "flat-structure",
-                "warning",
-                f"{who}the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm "
-                "wide; image noise is amplified about in the inverse ratio",
-                pointer,
-                thickness,
-                FLAT * width,
-            )
-        ]
+        message = (
+            f"{who}the structure is flat: {thickness:.3g} mm thick along {direction_name(axes[2])}, {width:.3g} mm "
+            "wide; image noise is amplified about in the inverse ratio"
+        )
+        return [Finding("flat-structure", "warning", message, pointer, thickness, FLAT * width)]
     return []
 
 
@@ -342,15 +336,12 @@ def _check_visibility(
         behind = [] if each.clear else [_name_of(system, labels, k) for k in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
-            problems.append(
-                Problem(
-                    pointer,
-                    "behind-source",
-                    f"the source of view {view.name} cannot image what lies behind it, by up to "
-                    f"{-float(depth.min()):.4g} mm: {listed}",
-                    "check where the view looks, and the frame of the coordinates",
-                )
+            detail = (
+                f"the source of view {view.name} cannot image what lies behind it, by up to "
+                f"{-float(depth.min()):.4g} mm: {listed}"
             )
+            hint = "check where the view looks, and the frame of the coordinates"
+            problems.append(Problem(pointer, "behind-source", detail, hint))
         if view.image_size_px is None:
             text = f"the image size of view {view.name} is not stated: the field of view was not checked"
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
@@ -359,15 +350,13 @@ def _check_visibility(
         if check.closest_pair_px < check.closest_pair_needs_px:
             needed = f", {check.closest_pair_needs_px:.1f} px are needed by their size"
             size = "" if system.fiducial_radius_mm is None else needed
+            message = (
+                f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
+                f"{check.closest_pair_px:.1f} px apart{size}: they may not be told apart"
+            )
             findings.append(
                 Finding(
-                    "projected-overlap",
-                    "warning",
-                    f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
-                    f"{check.closest_pair_px:.1f} px apart{size}: they may not be told apart",
-                    pointer,
-                    check.closest_pair_px,
-                    check.closest_pair_needs_px,
+                    "projected-overlap", "warning", message, pointer, check.closest_pair_px, check.closest_pair_needs_px
                 )
             )
     if problems:
@@ -427,14 +416,8 @@ def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> Iterator
                 if _odd_one_out(nominal) is not None
                 else "move or add a fiducial off the curve",
             )
-        yield Finding(
-            "weak-resection",
-            "warning",
-            f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial",
-            share.pointer,
-            strength,
-            WEAK,
-        )
+        message = f"view {view.name} is barely determined: {motion} almost without changing an image of a fiducial"
+        yield Finding("weak-resection", "warning", message, share.pointer, strength, WEAK)
 
 
 def _slide(estimate: Array, change: Array) -> str:
@@ -497,12 +480,8 @@ def _check_triangulation(system: System) -> Iterator[Finding]:
                 f"target {target.name} {reason} (views {names}): nothing is known of it along {along}",
                 "turn one view out of that line" if near else "bring the target nearer or the views apart",
             )
-        yield Finding(
-            "small-parallax",
-            "warning",
+        message = (
             f"the rays to target {target.name} meet at {angle:.1f} degrees at most: depth along "
-            f"{direction_name(rays.sum(axis=0))} is poorly known",
-            "/views",
-            angle,
-            SMALL_PARALLAX_DEG,
+            f"{direction_name(rays.sum(axis=0))} is poorly known"
         )
+        yield Finding("small-parallax", "warning", message, "/views", angle, SMALL_PARALLAX_DEG)

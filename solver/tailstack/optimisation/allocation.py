@@ -215,15 +215,12 @@ def _case(
 def _refuse_infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:
     worst = int(ratios.argmax())
     least = sqrt(float(ratios[worst])) * float(limits[worst])
-    return InfeasibleError(
-        Problem(
-            "/requirements",
-            "smallest-tolerances-exceed-limit",
-            f"with every tolerance at its smallest the bound of P{100 * p:g} is {least:.4g} mm, "
-            f"not below the limit of {limits[worst]:g} mm",
-            "loosen the limit, lower the noise or the smallest half-widths, or move the fiducials",
-        )
+    detail = (
+        f"with every tolerance at its smallest the bound of P{100 * p:g} is {least:.4g} mm, "
+        f"not below the limit of {limits[worst]:g} mm"
     )
+    hint = "loosen the limit, lower the noise or the smallest half-widths, or move the fiducials"
+    return InfeasibleError(Problem("/requirements", "smallest-tolerances-exceed-limit", detail, hint))
 
 
 def _refuse_unconverged(detail: str) -> NotConvergedError:

@@ -76,14 +76,8 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                 )
             )
     elif not (problem.half_widths or problem.pivots):
-        problems.append(
-            Problem(
-                "/optimise",
-                "nothing-free",
-                "no fiducial, tolerance or pivot is free to change",
-                "add a box or rotation_bounds",
-            )
-        )
+        hint = "add a box or rotation_bounds"
+        problems.append(Problem("/optimise", "nothing-free", "no fiducial, tolerance or pivot is free to change", hint))
     problems += [*_fixed_pairs(problem), *_ends(problem)]
     if problems:
         raise DesignError(problems)
@@ -225,15 +219,12 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     for i, j in combinations([k for k in range(len(labels)) if k not in free], 2):
         apart = float(np.linalg.norm(points[i] - points[j]))
         if apart < problem.min_spacing_mm - ROUNDING_MM:
-            problems.append(
-                Problem(
-                    "/optimise/fixed",
-                    "spacing-of-fixed",
-                    f"{labels[i]} and {labels[j]} stay, and are {apart:.4g} mm apart, less than min_spacing_mm "
-                    f"{problem.min_spacing_mm:g}",
-                    "free one of them, or reduce min_spacing_mm",
-                )
+            detail = (
+                f"{labels[i]} and {labels[j]} stay, and are {apart:.4g} mm apart, less than min_spacing_mm "
+                f"{problem.min_spacing_mm:g}"
             )
+            hint = "free one of them, or reduce min_spacing_mm"
+            problems.append(Problem("/optimise/fixed", "spacing-of-fixed", detail, hint))
     return problems[:5]
 
 
@@ -255,13 +246,11 @@ def _behind(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         depth = float((reach @ projection[2, :3] + projection[2, 3]).min())
         if depth <= 0:
-            yield Problem(
-                place.pointer,
-                "behind-source",
+            detail = (
                 f"the bounding box of the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view "
-                f"{view.name}",
-                "make it smaller, or move the source back",
+                f"{view.name}"
             )
+            yield Problem(place.pointer, "behind-source", detail, "make it smaller, or move the source back")
 
 
 def _image_rows(problem: PlacementProblem, view: View, v: int) -> tuple[Array, Array]:
@@ -297,12 +286,8 @@ def _meets(region: Shape, rows: Array, limits: Array) -> bool:
 
 def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Problem:
     word = _word(place.region)
-    return Problem(
-        place.pointer,
-        "outside-view",
-        f"no point of the {word} is inside {where} with a margin of {problem.image_margin_px:g} px",
-        f"move the {word}, or reduce image_margin_px",
-    )
+    detail = f"no point of the {word} is inside {where} with a margin of {problem.image_margin_px:g} px"
+    return Problem(place.pointer, "outside-view", detail, f"move the {word}, or reduce image_margin_px")
 
 
 def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
@@ -312,12 +297,9 @@ def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> Iterator
         hollow = not isinstance(zone.shape, BoxRegion) and zone.shape.inner_radius_mm > zone.clearance_mm
         if not hollow and not clear_of(zone, corners(bounding_box(place.region))).any():
             gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
-            yield Problem(
-                place.pointer,
-                "kept-out",
-                f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}",
-                f"make the zone ({zone.pointer}) smaller, or the region larger",
-            )
+            detail = f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}"
+            hint = f"make the zone ({zone.pointer}) smaller, or the region larger"
+            yield Problem(place.pointer, "kept-out", detail, hint)
 
 
 def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
@@ -336,12 +318,9 @@ def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Prob
     if _meets(place.region, rows, limits):
         return
     word = _word(place.region)
-    yield Problem(
-        place.pointer,
-        "outside-symmetry",
-        f"no point of the {word} has its copies under the symmetry in the {word} too",
-        f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)",
-    )
+    detail = f"no point of the {word} has its copies under the symmetry in the {word} too"
+    hint = f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)"
+    yield Problem(place.pointer, "outside-symmetry", detail, hint)
 
 
 def _packing(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
@@ -380,12 +359,9 @@ def _too_many(count: int, apart: float, sides: Array) -> bool:
 
 
 def _refuse_crowd(pointer: str, count: int, apart: str, where: str, word: str) -> Problem:
-    return Problem(
-        pointer,
-        "does-not-fit",
-        f"{count} free fiducials cannot be {apart} apart in {where}: no packing is that dense",
-        f"reduce the spacing, the number of free fiducials, or enlarge the {word}",
-    )
+    detail = f"{count} free fiducials cannot be {apart} apart in {where}: no packing is that dense"
+    hint = f"reduce the spacing, the number of free fiducials, or enlarge the {word}"
+    return Problem(pointer, "does-not-fit", detail, hint)
 
 
 _OF_REGIONS = (_behind, _field, _refuse_kept_out, _asymmetric, _packing)

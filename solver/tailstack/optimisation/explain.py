@@ -76,15 +76,12 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
         raised = f"the check finds {at_least(own / left, 2)} times what the estimate that guides the search says: "
         raised += "spread the fiducials or reduce the noise"
     cures = [*_cures(problem, term.demand, worst.model, requirement.limit * left), *_room(program, point)]
-    return InfeasibleError(
-        Problem(
-            "/optimise",
-            "limit-out-of-reach",
-            f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
-            f"{worst.exact_mm:.4g} {unit}{tight}; {aim} lies below it. Share of the mean square there: {shares}",
-            raised + "".join(f"; or {cure}" for cure in cures),
-        )
+    detail = (
+        f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
+        f"{worst.exact_mm:.4g} {unit}{tight}; {aim} lies below it. Share of the mean square there: {shares}"
     )
+    hint = raised + "".join(f"; or {cure}" for cure in cures)
+    return InfeasibleError(Problem("/optimise", "limit-out-of-reach", detail, hint))
 
 
 def _shares(worst: Evaluation, error: str) -> str:
@@ -180,14 +177,9 @@ def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError 
         if slack > SATISFIED:
             worst = max((value, row.text) for value, row in relaxed.violated if row.kind == kind)[1]
             named.append(f"{_in_its_unit(program.problem, kind, slack)} (worst: {worst})")
-    return InfeasibleError(
-        Problem(
-            "/optimise",
-            "layout-out-of-reach",
-            "no start met all rules of the layout at once; the smallest relaxation found: " + "; ".join(named),
-            "relax it as said, give the fiducials more room, or use fewer",
-        )
-    )
+    detail = "no start met all rules of the layout at once; the smallest relaxation found: " + "; ".join(named)
+    hint = "relax it as said, give the fiducials more room, or use fewer"
+    return InfeasibleError(Problem("/optimise", "layout-out-of-reach", detail, hint))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,14 +283,9 @@ def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tup
             hint = "no rotation about it varies"
             findings.append(Finding("no-lever", "warning", f"{message}: {hint}", pivot.pointer))
     if not acting:
-        raise DesignError(
-            Problem(
-                "/optimise",
-                "no-influence",
-                "nothing that is free acts on the limited error: " + "; ".join(item.message for item in findings),
-                "free something with a lever on the target, or limit the error at the tool",
-            )
-        )
+        detail = "nothing that is free acts on the limited error: " + "; ".join(item.message for item in findings)
+        hint = "free something with a lever on the target, or limit the error at the tool"
+        raise DesignError(Problem("/optimise", "no-influence", detail, hint))
     return tuple(findings)
 
 
@@ -338,16 +325,13 @@ def refuse_incurable(problem: PlacementProblem) -> None:
             _refuse_drawn_again(problem.system, requirement, index, level)
             wanted = requirement.units_fraction or 0.0
             if wanted >= provable:
-                raise DesignError(
-                    Problem(
-                        f"/requirements/{index}/min_yield",
-                        "yield-beyond-check",
-                        f"a yield of {100 * wanted:g} % cannot be verified: the check draws {UNITS} {level.plural}, "
-                        f"and even if all of them meet the limit that proves {100 * provable:.2f} % at "
-                        f"{100 * requirement.confidence:g} % confidence",
-                        f"min_yield: {np.floor(1e3 * (provable - 1e-3)) / 1e3:g} or less",
-                    )
+                detail = (
+                    f"a yield of {100 * wanted:g} % cannot be verified: the check draws {UNITS} {level.plural}, "
+                    f"and even if all of them meet the limit that proves {100 * provable:.2f} % at "
+                    f"{100 * requirement.confidence:g} % confidence"
                 )
+                hint = f"min_yield: {np.floor(1e3 * (provable - 1e-3)) / 1e3:g} or less"
+                raise DesignError(Problem(f"/requirements/{index}/min_yield", "yield-beyond-check", detail, hint))
     system = problem.system
     try:
         check_geometry(scatter(problem) if problem.places else system)

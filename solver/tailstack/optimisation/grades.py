@@ -333,14 +333,9 @@ def _master(search: _Descent, gap: float) -> tuple[Levels, float]:
 
 
 def _refuse_infeasible(ratio: float) -> InfeasibleError:
-    return InfeasibleError(
-        Problem(
-            "/optimise/tolerances",
-            "tightest-grades-exceed-limit",
-            f"with the tightest grade of every tolerance the quantile is {at_least(ratio)} times its limit",
-            "add a tighter grade, loosen the limit, or move the fiducials",
-        )
-    )
+    detail = f"with the tightest grade of every tolerance the quantile is {at_least(ratio)} times its limit"
+    hint = "add a tighter grade, loosen the limit, or move the fiducials"
+    return InfeasibleError(Problem("/optimise/tolerances", "tightest-grades-exceed-limit", detail, hint))
 
 
 def _answer(search: _Descent, lower_bound: float) -> Purchase:

@@ -123,14 +123,8 @@ def _read(
         raise DesignError(Problem("/optimise/tolerances", "unknown-tolerance", detail, "lock some of those"))
     if request.graded or not free:
         detail = "half-widths are bought from tables of grades" if request.graded else "no half-width is free"
-        raise DesignError(
-            Problem(
-                "/optimise/tolerances",
-                "not-allocated",
-                detail,
-                "free some by bounds and a cost, or lock fewer; tailstack optimise chooses grades",
-            )
-        )
+        hint = "free some by bounds and a cost, or lock fewer; tailstack optimise chooses grades"
+        raise DesignError(Problem("/optimise/tolerances", "not-allocated", detail, hint))
     known = [item.name for item in request.problem.requirements]
     if name not in known and (name is not None or (limit is not None and len(known) != 1)):
         asked = f"a limit of {limit:g} is asked for" if name is None else f"the limit of {name!r} is asked for"

@@ -127,11 +127,8 @@ def _refuse(design: Design, without: TailstackError, with_view: TailstackError) 
             return each
     assert design.document.optimise is not None
     entry = next(k for k, each in enumerate(design.document.optimise.views or ()) if isinstance(each, AddedView))
-    with_it = Problem(
-        f"/optimise/views/{entry}",
-        with_view.problems[0].code,
-        f"nor is there one with the view: {_first_sentence(with_view)}",
-    )
+    detail = f"nor is there one with the view: {_first_sentence(with_view)}"
+    with_it = Problem(f"/optimise/views/{entry}", with_view.problems[0].code, detail)
     return type(without)([*without.problems, with_it])
 
 

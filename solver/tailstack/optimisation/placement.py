@@ -191,14 +191,8 @@ def _scale_half_widths(program: Program, x: Array, parameters: Parameters) -> Ar
 
 
 def _refuse_unsettled(reached: float) -> NotConvergedError:
-    return NotConvergedError(
-        Problem(
-            "/optimise",
-            "not-settled",
-            f"the exact quantile could not be brought to its aim; the last iterate is at {reached:.6g} of it",
-            "try another seed or more starts",
-        )
-    )
+    detail = f"the exact quantile could not be brought to its aim; the last iterate is at {reached:.6g} of it"
+    return NotConvergedError(Problem("/optimise", "not-settled", detail, "try another seed or more starts"))
 
 
 def _correct(

@@ -336,14 +336,8 @@ def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstr
             continue
         if site.other_shot:
             detail = f"{requirement.name} limits {measure.words} of two shots, which no search knows"
-            raise DesignError(
-                Problem(
-                    "/optimise/requirement",
-                    "two-shots",
-                    detail,
-                    "name the other requirements in optimise.requirement; the check judges all",
-                )
-            )
+            hint = "name the other requirements in optimise.requirement; the check judges all"
+            raise DesignError(Problem("/optimise/requirement", "two-shots", detail, hint))
         if not measure.paired:
             demands.append(QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights)))
             continue

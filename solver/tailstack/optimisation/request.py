@@ -74,27 +74,16 @@ def read_request(design: Design) -> OptimiseRequest:
     """The freedom that the document's ``optimise`` section gives, on the compiled design.  Raises DesignError."""
     section = design.document.optimise
     if section is None:
-        raise DesignError(
-            Problem(
-                "",
-                "missing-field",
-                "the design has no optimise section: nothing is free to change",
-                "add optimise with a box, rotation_bounds or tolerances",
-            )
-        )
+        detail = "the design has no optimise section: nothing is free to change"
+        hint = "add optimise with a box, rotation_bounds or tolerances"
+        raise DesignError(Problem("", "missing-field", detail, hint))
     # The search has all fiducials in every shot; what missing them adds is measured by the check of what it finds.
     system, half_widths = _half_widths(design, section, replace(compile_design(design), loss_probability=()))
     kind = "cost" if section.goal == "pareto" else section.goal
     requirements = _requirements(system, section.requirement)
     if section.goal == "pareto" and not any(MEASURE[item.error] in POINTS for item in requirements):
-        raise DesignError(
-            Problem(
-                "/optimise/objective",
-                "unsupported",
-                "a front is traced along a limit in mm",
-                "name a requirement in mm beside it in optimise.requirement, or objective: cost",
-            )
-        )
+        hint = "name a requirement in mm beside it in optimise.requirement, or objective: cost"
+        raise DesignError(Problem("/optimise/objective", "unsupported", "a front is traced along a limit in mm", hint))
     problem = PlacementProblem(
         system=system,
         requirements=requirements,
@@ -343,15 +332,11 @@ def list_counts(request: OptimiseRequest) -> tuple[int, ...]:
     fixed, size = len(request.section.fixed), 1 + len(problem.symmetry)
     tried = tuple(n for n in range(count.min, count.max + 1) if n > fixed and (n - fixed) % size == 0)
     if not tried:
-        raise DesignError(
-            Problem(
-                "/optimise/count",
-                "incomplete-group",
-                f"no number of fiducials from {count.min} to {count.max} makes whole groups of {size} beside "
-                f"{fixed} fixed ones",
-                "widen the range",
-            )
+        detail = (
+            f"no number of fiducials from {count.min} to {count.max} makes whole groups of {size} beside "
+            f"{fixed} fixed ones"
         )
+        raise DesignError(Problem("/optimise/count", "incomplete-group", detail, "widen the range"))
     return tried
 
 

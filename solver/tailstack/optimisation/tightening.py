@@ -99,15 +99,11 @@ def tighten(
         steep = [_steepness(problem, term, optimum.choice) for term in search.terms]
         aims = aims * np.array(steps) ** (1 / np.array(steep))
     failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
-    raise NotConvergedError(
-        Problem(
-            "/optimise",
-            "not-verified",
-            f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: "
-            + "; ".join(finding.message for finding in failures),
-            "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise",
-        )
+    detail = f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: " + "; ".join(
+        finding.message for finding in failures
     )
+    hint = "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise"
+    raise NotConvergedError(Problem("/optimise", "not-verified", detail, hint))
 
 
 def _label(request: OptimiseRequest, search: Search, optimum: Optimum) -> tuple[Search, Optimum]:
@@ -296,14 +292,12 @@ def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], proble
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
     upper = f"{at_least(worst.upper)} {worst.unit}"
     first = max(optimum.ratios) * (worst.limit if worst.beyond is None else worst.beyond)
-    return InfeasibleError(
-        Problem(
-            "/optimise",
-            "limit-out-of-reach",
-            f"the smallest error found{within} is {first:.4g} {MEASURE[worst.error].unit} by estimate, and its "
-            f"{worst.headline} at most {upper} by Monte Carlo at target {worst.target!r}, which is not within the "
-            f"limit of {worst.limit:g} {worst.unit} ({worst.requirement})",
-            f"raise the limit to {upper} or more, or "
-            + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
-        )
+    detail = (
+        f"the smallest error found{within} is {first:.4g} {MEASURE[worst.error].unit} by estimate, and its "
+        f"{worst.headline} at most {upper} by Monte Carlo at target {worst.target!r}, which is not within the "
+        f"limit of {worst.limit:g} {worst.unit} ({worst.requirement})"
     )
+    hint = f"raise the limit to {upper} or more, or " + (
+        "free tolerances" if not problem.half_widths else "raise the cost limit"
+    )
+    return InfeasibleError(Problem("/optimise", "limit-out-of-reach", detail, hint))

@@ -459,14 +459,9 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | ValidityGrou
     to_tcp, from_moved = passage.tcp_from_localisation, passage.tcp_from_flange
     images = image_gains(chain, target, reconstructed, to_tcp, from_moved)
     if not np.isfinite(images.localisation).all():
-        raise IllPosedError(
-            Problem(
-                "/fiducials",
-                "singular-layout",
-                f"the fiducials and views do not determine target {target.name!r}: a gain is not finite",
-                "run `tailstack validate` for the direction that is not determined",
-            )
-        )
+        detail = f"the fiducials and views do not determine target {target.name!r}: a gain is not finite"
+        hint = "run `tailstack validate` for the direction that is not determined"
+        raise IllPosedError(Problem("/fiducials", "singular-layout", detail, hint))
 
     gains = images.by_effect(system) | passage.mount_gains(system)
     in_order = (*effects_of_images(system), *system.links, *system.shared_image_errors)

@@ -33,24 +33,14 @@ PAIRS_PER_BATCH = 20_000
 def refuse_outside_range(divisor: float, dimension: int) -> None:
     """Raise OutOfRangeError where the correction is known to be worse than none, or too large to form."""
     if divisor > SECOND_ORDER_LIMIT:
-        raise OutOfRangeError(
-            Problem(
-                "",
-                "second-order-out-of-range",
-                f"nu = {divisor:.2g} (of depths and crossing) exceeds {SECOND_ORDER_LIMIT:g}: the expansion diverges "
-                "here (at nu = 0.10 it errs by up to 41 % where first order errs by 4 %)",
-                "use Monte Carlo: `tailstack verify`",
-            )
+        detail = (
+            f"nu = {divisor:.2g} (of depths and crossing) exceeds {SECOND_ORDER_LIMIT:g}: the expansion diverges "
+            "here (at nu = 0.10 it errs by up to 41 % where first order errs by 4 %)"
         )
+        raise OutOfRangeError(Problem("", "second-order-out-of-range", detail, "use Monte Carlo: `tailstack verify`"))
     if dimension > LARGEST_DIMENSION:
-        raise OutOfRangeError(
-            Problem(
-                "",
-                "second-order-too-large",
-                f"{dimension} random inputs exceed the limit of {LARGEST_DIMENSION} for a full Hessian",
-                "use Monte Carlo: `tailstack verify`",
-            )
-        )
+        detail = f"{dimension} random inputs exceed the limit of {LARGEST_DIMENSION} for a full Hessian"
+        raise OutOfRangeError(Problem("", "second-order-too-large", detail, "use Monte Carlo: `tailstack verify`"))
 
 
 def second_order_moments(

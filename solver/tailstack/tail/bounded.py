@@ -72,14 +72,9 @@ def worst_case(
         raise ValueError(f"bounded must be finite and have shape ({len(law.mean)}, q), got shape {bounded.shape}")
     active = np.flatnonzero((bounded != 0).any(axis=0))
     if active.size > MOST_BOUNDED:
-        raise LimitError(
-            Problem(
-                "",
-                "too-many-bounded",
-                f"{active.size} bounded components act on the error; {MOST_BOUNDED} can be searched exactly",
-                "declare a law (normal, uniform, triangular) for the smaller ones",
-            )
-        )
+        detail = f"{active.size} bounded components act on the error; {MOST_BOUNDED} can be searched exactly"
+        hint = "declare a law (normal, uniform, triangular) for the smaller ones"
+        raise LimitError(Problem("", "too-many-bounded", detail, hint))
     q = int(active.size)
     # The last sign stays +1 when opposite vertices are mirror images.
     signs = _vertices(q, 1 << (q - 1 if q and not (law.mean.any() or law.is_one_sided) else q))

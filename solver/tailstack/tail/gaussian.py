@@ -187,14 +187,9 @@ def probability_iv(p: float) -> float:
 def sound(value: float, what: str, mean: Array, covariance: Array) -> float:
     """The value of a compiled function.  Raises NotConvergedError where it is NaN."""
     if value != value:
-        raise NotConvergedError(
-            Problem(
-                "",
-                "tail-not-converged",
-                f"{what} of |N(m, S)| did not converge for m = {mean.tolist()} mm, S = {covariance.tolist()} mm^2",
-                "report this law: every mean and positive semidefinite covariance is meant to be handled",
-            )
-        )
+        detail = f"{what} of |N(m, S)| did not converge for m = {mean.tolist()} mm, S = {covariance.tolist()} mm^2"
+        hint = "report this law: every mean and positive semidefinite covariance is meant to be handled"
+        raise NotConvergedError(Problem("", "tail-not-converged", detail, hint))
     return float(value)
 
 

@@ -155,15 +155,12 @@ class Sample:
         if density == 0.0 and high - low <= _ROUNDING * high:  # all of the sample is one number but for its rounding
             return r, 0.0, high - low
         if density == 0.0:
-            raise NotConvergedError(
-                Problem(
-                    "",
-                    "tail-not-converged",
-                    f"the {p:g} quantile of the error lies near {r:.4g} mm, in a gap of the sample of its law: "
-                    "how exact it is cannot be told",
-                    "one tolerance is out of all proportion to the others: see that it is what you mean",
-                )
+            detail = (
+                f"the {p:g} quantile of the error lies near {r:.4g} mm, in a gap of the sample of its law: "
+                "how exact it is cannot be told"
             )
+            hint = "one tolerance is out of all proportion to the others: see that it is what you mean"
+            raise NotConvergedError(Problem("", "tail-not-converged", detail, hint))
         return r, density, hypot(_block_error(self.shares(r)), self.folded) / density
 
     def gradient(self, r: float, h: Array) -> tuple[Array, Array, Array]:

@@ -93,11 +93,8 @@ class DatabaseFile:
                 hint = "make room, or give the service another disk; it is ready again by itself"
                 raise StoreUnavailable(Problem("", "disk-full", detail, hint)) from None
             detail = f"nothing can be written beside {self.path}: {error.strerror or error}"
-            raise StoreError(
-                Problem(
-                    "", "unusable-database", detail, "this user must be allowed to write the file and its directory"
-                )
-            ) from None
+            hint = "this user must be allowed to write the file and its directory"
+            raise StoreError(Problem("", "unusable-database", detail, hint)) from None
 
 
 def _require_same_inode(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
