@@ -54,19 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )
-    parser.add_argument(
-        "--changed",
-        action="store_true",
-        help="DESIGN are the files that a commit changes: judge the designs among them, and those that hang on them",
-    )
+    words = "DESIGN are the files that a commit changes: judge the designs among them, and those that hang on them"
+    parser.add_argument("--changed", action="store_true", help=words)
     add_details(parser)
-    parser.add_argument(
-        "--explain",
-        metavar="RULE",
-        nargs="?",
-        const="all",
-        help="print the page of a rule; without one, list the rules",
-    )
+    words = "print the page of a rule; without one, list the rules"
+    parser.add_argument("--explain", metavar="RULE", nargs="?", const="all", help=words)
 
 
 def _format(text: str) -> tuple[str, str | None]:

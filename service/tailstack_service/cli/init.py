@@ -98,12 +98,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for question in (*QUESTIONS, *LENGTHS.values()):
         default = "" if question in LENGTHS.values() else f" (default {show_value(question.default)})"
-        parser.add_argument(
-            question.flag,
-            type=question.read,
-            metavar=question.metavar,
-            help=(question.words + default).replace("%", "%%"),
-        )
+        words = (question.words + default).replace("%", "%%")
+        parser.add_argument(question.flag, type=question.read, metavar=question.metavar, help=words)
     parser.add_argument("-y", "--yes", action="store_true", help="ask nothing: what no flag says has its default")
     parser.add_argument("--force", action="store_true", help="overwrite a file that is there")
 

@@ -16,12 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port", type=whole(0, 65535), default=8321, metavar="N", help="port, 0 for any free one (default %(default)s)"
     )
     add_database(parser)
-    parser.add_argument(
-        "--processes",
-        type=whole(1, 256),
-        metavar="N",
-        help="computing processes of the worker (default TAILSTACK_WORKER_PROCESSES)",
-    )
+    words = "computing processes of the worker (default TAILSTACK_WORKER_PROCESSES)"
+    parser.add_argument("--processes", type=whole(1, 256), metavar="N", help=words)
     parser.add_argument(
         "--no-worker", action="store_true", help="accept jobs, and leave computing them to tailstack worker elsewhere"
     )

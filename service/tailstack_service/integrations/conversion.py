@@ -420,12 +420,8 @@ def _decode(text: str, place: str) -> bytes:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "design",
-        metavar="IN",
-        nargs="+",
-        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp; or .dcm, of which each is a view",
-    )
+    words = "file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp; or .dcm, of which each is a view"
+    parser.add_argument("design", metavar="IN", nargs="+", help=words)
     parser.add_argument(
         "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
     )

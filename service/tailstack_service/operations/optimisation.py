@@ -121,11 +121,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
     parser.add_argument("--csv", action="store_true", help="print one line of CSV for each tolerance that was free")
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
-    parser.add_argument(
-        "--fiducials-out",
-        metavar="FILE",
-        help="with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers",
-    )
+    words = "with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers"
+    parser.add_argument("--fiducials-out", metavar="FILE", help=words)
     add_flags(parser, OptimisationOptions)
 
 
