@@ -98,8 +98,7 @@ class Allowance:
     """Requirement that decides at this target; null: none on a quantile names this target."""
     status: Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
     """spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no
-    influence; no requirement.
-    """
+    influence; no requirement."""
     at_limit: float | None
     """Half-width at which the requirement's quantile is at its limit, in `unit`; null where there is none."""
     slack: float | None

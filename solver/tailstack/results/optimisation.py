@@ -51,16 +51,14 @@ class ChangedTolerance:
     """What the half-width after moves the worst target by, mm."""
     cost_before: float | None
     """Cost of the half-width before, in the unit of the design's prices; null: it has no price (zero, or tighter than
-    every grade).
-    """
+    every grade)."""
     cost_after: float
     """Cost of the half-width after, in the unit of the design's prices."""
     grade: str | None
     """Process grade, or value of a drawing, that was chosen from a table; null without a table."""
     before_drawn: str | None = None
     """Of a value of a drawing what it was, `H7/g6` or `0.02`; half-widths are those of a uniform law of its spread
-    then. null: of others.
-    """
+    then. null: of others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +107,7 @@ class ViewSearch:
     """How many of these gave no design: what they hide, or a limit out of reach."""
     objective_as_aimed: float | None
     """Objective by the closed form with the views as they were; null: no design there, they may not stay so, or one was
-    added.
-    """
+    added."""
     objective: float
     """Objective by the closed form with the views of the new design."""
     sentence: str
@@ -183,8 +180,7 @@ class Certificate:
 
     kkt_residual: float
     """Residual of the optimality conditions of the programme with the exact law, recomputed from the multipliers,
-    relative.
-    """
+    relative."""
     starts: int
     """Starts of the search."""
     converged_starts: int
@@ -246,8 +242,7 @@ class FrontPoint:
     """The first requirement's limit so scaled, mm."""
     status: Literal["verified", "dominated", "out of reach", "not tried"]
     """verified: checked by Monte Carlo; dominated: another point costs no more at a tighter limit; out of reach: no
-    design keeps it; not tried.
-    """
+    design keeps it; not tried."""
     note: str
     """Why there is no design, or what costs less."""
     cost: float | None
@@ -330,12 +325,10 @@ class Optimisation(Result):
     """Cost of the new design, that of a view that was added included."""
     cost_closed_form: float | None
     """Cost of the half-widths, and of moving where that has a price, by the smooth closed form that drives the search;
-    null where no cost is minimised.
-    """
+    null where no cost is minimised."""
     cost_exact_law: float | None
     """Cost of the optimum by the exact law at the limit itself, before the check's margin, what fiducials and a view
-    that was added cost included; null where no cost is minimised.
-    """
+    that was added cost included; null where no cost is minimised."""
     p95_before_mm: float | None
     """First-order P95 of the worst target before, mm; null: the layout as it stood does not determine it."""
     p95_after_mm: float
@@ -382,8 +375,7 @@ class Optimisation(Result):
     """The part of `cost_after` that moving fiducials costs by `optimise.stay`; 0 where that asks no price."""
     as_it_stood: str = ""
     """Where the design as it stood lies outside of what was asked for, by how much and what that changes; or why it is
-    no answer although it has less of what was minimised; or that it is kept. Empty: a better one was found.
-    """
+    no answer although it has less of what was minimised; or that it is kept. Empty: a better one was found."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "verdict_status", self.certificate.verification.verdict.status)

@@ -25,8 +25,7 @@ class Bounds:
 
     gaussian: float
     """95 % quantile if the error were Gaussian with this mean and covariance, mm.  No bound: under uniform or
-    triangular laws beside a bias the quantile may be larger, by 1 % and more.
-    """
+    triangular laws beside a bias the quantile may be larger, by 1 % and more."""
     unimodal: float
     """Upper bound of it for any law that is symmetric and unimodal about its mean, mm."""
     moments: float
@@ -42,8 +41,7 @@ class Contributor:
     connector_flange, hand_eye, execution, or an effect that the design declares (motion:VIEW, temperature, ...)."""
     component: str
     """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole;
-    rx+ty where components are correlated; known for what does not vary.
-    """
+    rx+ty where components are correlated; known for what does not vary."""
     law: str
     """Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what does not vary.
     """
@@ -65,8 +63,7 @@ class Contributor:
     """What people call the source: the label that the design gives an interface, otherwise its name or words for it."""
     localisation_share: float = 0.0
     """Share of the trace of the covariance of the localisation error, 0 to 1: that before connector_flange, hand_eye
-    and execution, which have none.
-    """
+    and execution, which have none."""
     drawn: str | None = None
     """It takes a new value once per unit, mounting or shot; null for what does not vary, and in older records."""
 
@@ -132,8 +129,7 @@ class MetricScore:
     """Mean of the error's norm, mm."""
     p95_mm: float
     """95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm; of all shots,
-    where the design says how often fiducials are missed, as are bias, covariance, mean and exceedance.
-    """
+    where the design says how often fiducials are missed, as are bias, covariance, mean and exceedance."""
     law: str
     """The law that the quantile was computed with, in words."""
     law_error_mm: float
@@ -250,8 +246,7 @@ class Mixture:
     """Fraction of shots within the value: that of the requirement, otherwise 0.95."""
     value: float | None
     """The quantile of what is limited over shots with and without losses, in its unit, what is not accounted for beyond
-    it; null where that alone is more than the quantile leaves.
-    """
+    it; null where that alone is more than the quantile leaves."""
     target: str
     """Target at which it is largest."""
     smallest_loss_probability: float
@@ -262,8 +257,7 @@ class Mixture:
     """Probability of a shot in which no fiducial is lost."""
     probability_unaccounted: float
     """Probability of a shot in which more are lost than was evaluated (two; one with more than 30 fiducials), or in
-    which what is left determines nothing: each counts as beyond every limit.
-    """
+    which what is left determines nothing: each counts as beyond every limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -394,8 +388,7 @@ class Score(Result):
     """What becomes of each requirement when one or two fiducials are lost; empty where that was not asked for."""
     reliability: tuple[SlipReliability, ...] = ()
     """For each view and fiducial the smallest slip of its image that its residuals give away, the largest effect first;
-    empty where that was not asked for.
-    """
+    empty where that was not asked for."""
     measures: tuple[MeasureResult, ...] = ()
     """Measures made of the errors at targets, each wherever it is read; empty where there are none."""
     levers: tuple[Lever, ...] = ()

@@ -65,8 +65,7 @@ class Check:
     per_mounting: of mountings."""
     interval: tuple[float, float | None]
     """Its ends. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A null upper end:
-    not known, as first order is not valid.
-    """
+    not known, as first order is not valid."""
     limit: float
     """Limit of the requirement."""
     yield_fraction: float | None
@@ -80,8 +79,7 @@ class Check:
     """What the value is, in words: "P95 that 90 % of units keep"."""
     margin: float | None = None
     """Limit less the upper end of the interval: not negative just where the status is pass. Null where that end is not
-    known.
-    """
+    known."""
     missed: bool = False
     """Whether shots that miss fiducials, as often as the design says, are in the value."""
     open_because: str = ""
@@ -182,8 +180,7 @@ class MeasureResult:
     """Of a trajectory in a corridor."""
     ppk: float | None = None
     """Process performance index (limit - |mean|) / (3 std), of one number with its sign; null of a vector, or without a
-    limit. It stands beside the probability and decides nothing.
-    """
+    limit. It stands beside the probability and decides nothing."""
     shares: tuple[MeasureShare, ...] = ()
     """Of its contributors, the largest first, in shots that miss no fiducial; empty without a requirement, and of
     trials."""
@@ -227,8 +224,7 @@ class Verdict:
     """Of all checks together: the worst of them. No requirement: nothing was to be held."""
     basis: str
     """What the checks rest on: first order or Monte Carlo; with "missed fiducials included" where the design says how
-    often fiducials are missed, and the checks are of all shots.
-    """
+    often fiducials are missed, and the checks are of all shots."""
     checks: tuple[Check, ...]
     """Every requirement at every target that it names."""
     findings: tuple[Finding, ...]
@@ -249,16 +245,14 @@ class ViewCheck:
     """Labels of fiducials whose image lies outside the detector."""
     smallest_margin_px: float | None
     """Smallest distance of a fiducial's image from the image's edge, px, negative outside; null where the size is not
-    stated.
-    """
+    stated."""
     closest_pair: tuple[str, str]
     """Labels of the two fiducials whose images are closest, counted from the distance that they need."""
     closest_pair_px: float
     """Distance of their images, px."""
     closest_pair_needs_px: float = 10.0
     """Distance that these two need to be told apart, px: half of both shadows and 3 px where the design gives the
-    diameter of the fiducials, otherwise 10.
-    """
+    diameter of the fiducials, otherwise 10."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,14 +285,12 @@ class Provenance:
     """Version of the solver."""
     reading: str
     """Reading of the structure's installation error: physical (the structure moves, its images too) or eq18 (only the
-    coordinates that the estimator assumes).
-    """
+    coordinates that the estimator assumes)."""
     rotation_form: str
     """How small rotations act: full matrices or the small-angle form."""
     triangulation: str
     """How the target's rays are met: normalised (linear, in the fiducials' frame), published (linear, in connector mm),
-    weighted (linear, each view by how well its noise lets it know the target) or reprojection (least squares).
-    """
+    weighted (linear, each view by how well its noise lets it know the target) or reprojection (least squares)."""
     notes: tuple[str, ...]
     """What was done to the design's numbers on the way, and what it leaves open."""
     not_included: tuple[str, ...]

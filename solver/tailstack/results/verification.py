@@ -60,8 +60,7 @@ class TargetEstimate(MetricEstimate, AtTarget):
     """
     first_order_p95_mm: float
     """P95 to first order, mm: that of the score; where the design says how often fiducials are missed, over shots with
-    up to two of them missed.
-    """
+    up to two of them missed."""
     localisation: MetricEstimate
     """The same of the localisation error: of the triangulated target in con, before connector_flange."""
 
@@ -88,8 +87,7 @@ class DrawnLosses:
     """Of these, shots in which at least one fiducial is missed."""
     trials_without_answer: int
     """Shots left with too few fiducials for an answer. In quantiles and exceedance their error counts as infinite;
-    bias, spread, means, largest error and reprojection error are of the other shots.
-    """
+    bias, spread, means, largest error and reprojection error are of the other shots."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -109,8 +107,7 @@ class Verification(Result):
     """Relative half-width of P95's interval that was asked for; null where a number of trials was."""
     max_trials: int | None
     """At most so many; null where their number was asked for. It sets when the precision is looked at, so the
-    intervals.
-    """
+    intervals."""
     precision_reached: float
     """Largest relative half-width of P95's interval over the targets."""
     stopping: str

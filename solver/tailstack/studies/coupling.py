@@ -82,14 +82,12 @@ class CouplingCase:
     """P95 of the first-order law, linearised at the biased geometry, mm."""
     nu: float
     """Validity number of depths and crossing, the larger of both geometries'; beyond 0.2 the noise has no standard
-    deviation.
-    """
+    deviation."""
     largest_share: float
     """Largest share of one trial in the sum of squares of the noise, the larger of both geometries'."""
     noise_rms_biased_mm: float | None
     """Root mean square of what the noise adds to the localisation error, installed, mm; null where there is no
-    standard deviation.
-    """
+    standard deviation."""
     noise_rms_nominal_mm: float | None
     """The same at the nominal geometry, mm; null where there is no standard deviation."""
     gain: Ratio | None
