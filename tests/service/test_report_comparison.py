@@ -23,8 +23,7 @@ from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
 from tailstack_service.report.assembling import ReportContents, compute_report
-from tailstack_service.report.changes import MOST, changes_of
-from tailstack_service.report.comparing import FEWEST, compute_comparison, estimate_difference
+from tailstack_service.report.comparing import FEWEST, MOST, changes_of, compute_comparison, estimate_difference
 from tailstack_service.report.records import Comparison
 from tailstack_service.schemas import json_schema
 

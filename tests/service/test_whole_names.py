@@ -26,11 +26,11 @@ from tailstack.design import Design
 from tailstack.optimisation import optimise
 from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
+from tailstack_service.cli.jobs import jobs_text
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.validation import validate, validation_text
-from tailstack_service.rendering.jobs import jobs_text
 from tailstack_service.rendering.page import WIDTH
 from tailstack_service.report.assembling import compute_report, options_of
 
