@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -137,6 +137,13 @@ def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCu
     """A refusal from a validator of ours; ``at`` names the field below the record that it is about."""
     # braces in the message would be taken for a format; ours never hold any
     return PydanticCustomError(code, message.replace("{", "(").replace("}", ")"), {"hint": hint, "at": at})
+
+
+def refuse_repeated(names: Sequence[str], what: str, at: str, hint: str = "") -> None:
+    """Raises a refusal of a name that stood before; ``at`` has {} for its place."""
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise refusal("duplicate-name", f"two {what} are called {name!r}", hint, at.format(index))
 
 
 KEEP_ONE = "keep one of them"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import ConfigDict, Field, model_validator
 
 from tailstack.design.plausibility import PLAUSIBILITY
-from tailstack.fields import Length, Name, Record, refusal
+from tailstack.fields import Length, Name, Record, refusal, refuse_repeated
 from tailstack.montecarlo import FINEST_PRECISION
 
 from .file_names import match_names
@@ -312,11 +312,7 @@ class Policy(Record):
 
     @model_validator(mode="after")
     def _require_unique_names(self) -> Policy:
-        seen: set[str] = set()
-        for index, entry in enumerate(self.classes):
-            if entry.name in seen:
-                raise refusal("duplicate-name", f"two classes are called {entry.name!r}", at=f"classes/{index}/name")
-            seen.add(entry.name)
+        refuse_repeated([entry.name for entry in self.classes], "classes", "classes/{}/name")
         return self
 
 

@@ -53,6 +53,7 @@ from ..fields import (
     not_both,
     one_of,
     refusal,
+    refuse_repeated,
     share,
     with_law,
 )
@@ -483,10 +484,7 @@ class Interface(Record):
             detail = f"give one of {', '.join(WAYS_OF_HOLDING)}; {' and '.join(ways)} arrived"
             raise refusal("one-of", detail, f"the torsor follows from {ways[-1]}", ways[-1])
         for field in ("locators", "features"):
-            names = [each.name for each in getattr(self, field) or ()]
-            for index, name in enumerate(names):
-                if name in names[:index]:
-                    raise refusal("duplicate-name", f"two {field} are called {name!r}", at=f"{field}/{index}/name")
+            refuse_repeated([each.name for each in getattr(self, field) or ()], field, f"{field}/{{}}/name")
         refuse_overheld(self.features or ())
         if self.origin is not None and self.features is None:
             words = "origin belongs to features that were read from a file"

@@ -9,7 +9,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from ..fields import Name, Record, leave_out_later, refusal
+from ..fields import Name, Record, leave_out_later, refusal, refuse_repeated
 
 Prose = Annotated[str, Field(max_length=2000)]
 Moment = Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}(T\d{2}:\d{2}(:\d{2})?Z)?$")]
@@ -70,10 +70,7 @@ class Review(Record):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [version.name for version in self.versions]
-        for index, name in enumerate(names):
-            if name in names[:index]:
-                raise refusal("duplicate-name", f"two versions are called {name!r}", at=f"versions/{index}/name")
+        refuse_repeated([version.name for version in self.versions], "versions", "versions/{}/name")
         return self
 
     def version(self, name: str) -> NamedVersion | None:

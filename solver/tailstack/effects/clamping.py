@@ -24,6 +24,7 @@ from ..fields import (
     Typical,
     leave_out_later,
     refusal,
+    refuse_repeated,
     with_law,
 )
 from ..geometry.arrays import frozen
@@ -110,10 +111,7 @@ class CommonOfFiducials(Record):
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
         names = [name for name, _, _ in _name_each(self)]
-        for index, name in enumerate(names):
-            if name in names[:index]:
-                detail = f"two clampings are called {name!r}"
-                raise refusal("duplicate-name", detail, "names are unique", f"common/{index}/name")
+        refuse_repeated(names, "clampings", "common/{}/name", "names are unique")
         return self
 
 
