@@ -197,13 +197,19 @@ Entry = Annotated[float, Field(ge=-1e12, le=1e12)]  # of a projection matrix
 # Lists arrive as lists; strictness stays on for what they hold.
 _lenient = Field(strict=False)
 Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient, PLACE_MM]
-Direction = Annotated[
-    tuple[Unit, Unit, Unit],
-    _lenient,
-    AfterValidator(lambda way: way if hypot(*way) > 1e-100 else (0.0, 0.0, 0.0)),  # whose square is none
-    DIRECTION,
-]
-Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient, MATRIX]
+_Row = Annotated[tuple[Unit, Unit, Unit], _lenient, DIRECTION]
+
+
+def _refuse_none(way: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Raises a refusal of a direction that is none."""
+    if max(map(abs, way)) < 1e-9:
+        detail = f"a direction has a length; [{', '.join(f'{each:g}' for each in way)}] arrived"
+        raise refusal("zero-direction", detail, "give one of any length, as [0, 0, 1]")
+    return way
+
+
+Direction = Annotated[_Row, AfterValidator(_refuse_none)]
+Rotation3 = Annotated[tuple[_Row, _Row, _Row], _lenient, MATRIX]
 HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
 Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
 Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient, TURN_DEG]

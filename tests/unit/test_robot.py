@@ -297,7 +297,7 @@ REFUSED = [
     ({"dh_convention": None}, "missing-field"),
     ({"joint_sd_deg": [0.01] * 7}, "wrong-length"),
     ({"payload_kg": 2.0}, "missing-field"),
-    ({"up": [0.0, 0.0, 0.0]}, "zero-vector"),
+    ({"up": [0.0, 0.0, 0.0]}, "zero-direction"),
     ({"joint_sd_deg": 2.0}, "out-of-range"),
     ({"dh": [{"name": "J2"}, *stated()["dh"][1:]]}, "duplicate-name"),
 ]

@@ -387,12 +387,6 @@ class Locator(Record):
 
     _law = with_law("half_width_mm")
 
-    @model_validator(mode="after")
-    def _has_a_direction(self) -> Locator:
-        if max(map(abs, self.normal)) < 1e-9:
-            raise refusal("zero-direction", "a normal needs a direction; [0, 0, 0] arrived", at="normal")
-        return self
-
 
 class FiducialOrigin(Record):
     """Where inlined points were read from, and what was done to them on the way.
@@ -845,8 +839,6 @@ class TargetDocument(Record):
         if self.corridor_major_mm is not None and self.corridor_major_mm < (self.corridor_mm or 0.0):
             detail = f"corridor_major_mm is {self.corridor_major_mm:g}, less than corridor_mm, {self.corridor_mm:g}"
             raise refusal("out-of-range", detail, "the larger half-axis is corridor_major_mm", "corridor_major_mm")
-        if self.corridor_major_direction is not None and max(map(abs, self.corridor_major_direction)) < 1e-9:
-            raise refusal("zero-direction", "a direction is not [0, 0, 0]", at="corridor_major_direction")
         return self
 
     _as_before = leave_out_later(
@@ -859,8 +851,6 @@ class TargetDocument(Record):
         if stated and (self.region is not None or len(stated) > 1):
             detail = "beside position_mm stands direction or entry, beside region neither"
             raise refusal("unused-field", detail, at=stated[0])
-        if self.direction is not None and max(map(abs, self.direction)) < 1e-9:
-            raise refusal("zero-direction", "a target's direction is not [0, 0, 0]", at="direction")
         return self
 
 

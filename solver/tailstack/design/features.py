@@ -138,10 +138,8 @@ class _Feature(Record):
     @model_validator(mode="after")
     def _has_a_frame(self) -> Self:
         if are_parallel(self.normal, self.along):
-            detail = f"along is parallel to the normal, or one of them is 0: {self.along} and {self.normal} arrived"
-            raise refusal(
-                "zero-direction", detail, "give two directions at an angle, as [1, 0, 0] and [0, 0, 1]", "along"
-            )
+            detail, cure = f"along is parallel to the normal, {self.normal}", "give two directions at an angle"
+            raise refusal("zero-direction", detail, cure, "along")
         return self
 
     @property

@@ -582,8 +582,6 @@ class SearchCylinder(Record):
     @model_validator(mode="after")
     def _shape(self) -> SearchCylinder:
         _check_radii(self.inner_radius_mm, self.radius_mm)
-        if max(map(abs, self.axis)) < 1e-9:
-            raise refusal("zero-direction", "an axis needs a direction; [0, 0, 0] arrived", at="axis")
         if self.sector is not None:
             self._check_sector(self.sector)
         return self
@@ -781,7 +779,4 @@ class Symmetry(Record):
         if (self.mirror is None) == (self.rotation is None):
             given = "both" if self.mirror is not None else "neither"
             raise refusal("one-of", f"give exactly one of mirror and rotation; {given} arrived")
-        direction = self.mirror.normal if self.mirror is not None else self.rotation.axis if self.rotation else ()
-        if max(map(abs, direction)) < 1e-9:
-            raise refusal("zero-direction", "a symmetry needs a direction; [0, 0, 0] arrived")
         return self

@@ -100,5 +100,5 @@ def _read_joint(joint: ElementTree.Element, file: str) -> ArmJoint:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         at = " ".join(["joint", repr(name)[:60], *map(str, first["loc"][:1])])
-        detail, cure = describe_value(first, first["loc"]).detail, "xyz is in m, rpy in rad"
-        raise _refuse(file, "wrong-joint", f"{at}: {detail}", "" if "name" in first["loc"] else cure) from None
+        said = describe_value(first, first["loc"])
+        raise _refuse(file, "wrong-joint", f"{at}: {said.detail}", said.hint or "xyz is in m, rpy in rad") from None

@@ -84,12 +84,6 @@ class ArmJoint(Record):
     axis: Direction = Field(default=(0.0, 0.0, 1.0), examples=[[0, 0, 1]])
     """About or along which it moves. Default its z."""
 
-    @model_validator(mode="after")
-    def _along(self) -> Self:
-        if not any(self.axis):
-            raise refusal("zero-vector", "the axis has no direction", "axis: [0, 0, 1]", "axis")
-        return self
-
     @property
     def joint(self) -> Joint:
         axis, still = np.array(self.axis) / np.linalg.norm(self.axis), np.zeros(3)
@@ -180,8 +174,6 @@ class Robot(Record):
                 raise refusal(
                     "missing-field", f"{stated[0]} is read only with {missing}", f"state {missing}", stated[0]
                 )
-        if not any(self.up):
-            raise refusal("zero-vector", "up has no direction", "up: [0, 0, 1]", "up")
         return self
 
     @property
