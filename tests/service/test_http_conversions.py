@@ -133,17 +133,6 @@ def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: http
     assert len(beads["content"].splitlines()) == 9
 
 
-def test_a_drawing_becomes_a_seat(client: httpx.Client) -> None:
-    folder = EXAMPLES / "gallery"
-    content = (folder / "seat_from_cad_carrier.step").read_text(encoding="ascii")
-    body = {"format": "step", "content": content, "pin_class": "g6", "base": small_design()}
-    document = converted(client.post("/v1/conversions", json=body))
-    seat = load_design(document["content"]).document.interfaces.structure_connector
-    assert seat is not None
-    assert len(seat.features or ()) == 3
-    assert any("the seat is flatness 0.02" in note for note in document["notes"])
-
-
 @pytest.mark.parametrize(
     ("name", "place", "cure"),
     [

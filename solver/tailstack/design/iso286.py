@@ -63,7 +63,7 @@ def find_deviations(tolerance_class: str, diameter_mm: float) -> Deviations:
     letter, grade = match[1], int(match[2])
     if letter not in (*SHAFTS, *HOLES):
         raise ValueError(
-            f"the letter {letter} is not known here: of shafts {_join_letters(SHAFTS)}, of holes {_join_letters(HOLES)}"
+            f"the letter {letter} is not known here: of shafts {', '.join(SHAFTS)}, of holes {', '.join(HOLES)}"
         )
     if grade not in WIDTHS_UM:
         raise ValueError(f"grade {grade} is not known here: {min(WIDTHS_UM)} to {max(WIDTHS_UM)} are")
@@ -94,7 +94,3 @@ def read_fit(fit: str, diameter_mm: float) -> tuple[Deviations, Deviations]:
     if match is None:
         raise ValueError(f"{fit!r} is no fit: the class of the hole, a stroke, the class of the pin, as H7/g6")
     return find_deviations(match[1], diameter_mm), find_deviations(match[2], diameter_mm)
-
-
-def _join_letters(letters: tuple[str, ...]) -> str:
-    return ", ".join(letters)

@@ -28,7 +28,7 @@ from ..results.verdicts import P95
 from ..scoring import provenance, tightest_limit
 from ..system import Place, System
 from ..tail.bounded import worst_case
-from ..tail.declared import LawQuantile, LinearLaw, law_quantile
+from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile_jit, sound
 
 BLOCK = 4096  # poses that are computed in one go
@@ -125,7 +125,8 @@ def study_workspace(
         each = zip(law.mean + at.known @ to_tcp.T, law.covariance + to_tcp @ at.covariance @ to_tcp.T, strict=True)
         if law.columns.size or bounded.size:
             laws = (replace(law, mean=mean, covariance=covariance) for mean, covariance in each)
-            p95_mm[part] = [_solve(one, bounded).quantile_mm for one in laws]
+            found = (worst_case(one, bounded, P95).quantile if bounded.size else law_quantile(one, P95) for one in laws)
+            p95_mm[part] = [each.quantile_mm for each in found]
         else:
             p95_mm[part] = [sound(norm_quantile_jit(*one, P95), "P95", *one) for one in each]
         if progress is not None:
@@ -151,10 +152,6 @@ def study_workspace(
         provenance=provenance(system),
     )
     return replace(study, fields=_map(places[1:], within, study.field_mm), conclusions=_conclude(study))
-
-
-def _solve(law: LinearLaw, bounded: Array) -> LawQuantile:
-    return worst_case(law, bounded, P95).quantile if bounded.size else law_quantile(law, P95)
 
 
 def refuse_unstudied(design: Design, system: System, limit_mm: float | None, target: str | None) -> tuple[Any, float]:
