@@ -38,13 +38,11 @@ from scipy.optimize import brentq
 
 from ..design import Design
 from ..design.loading import locate_refusals
-from ..errors import IllPosedError
 from ..geometry.arrays import Array
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most
 from ..system import Law
 from ..tail.declared import LinearLaw, evaluation_of
-from .exact_law import evaluate_demand
 from .global_bound import (
     SAID,
     NoBound,
@@ -53,10 +51,10 @@ from .global_bound import (
     fit_images,
     is_bias_moved,
     law_with,
-    least_quantile,
     left_out,
     net_of,
     sure_quantile,
+    value_at,
     why_none,
 )
 from .grades import choose_grades
@@ -191,13 +189,7 @@ def _take_leading(problem: PlacementProblem, terms: Sequence[DemandTerms], half_
     if len(terms) <= MANY_DEMANDS:
         return terms
     here = replace(present_choice(problem), half_width=half_width)
-    try:
-        images = [evaluate_demand(problem, term, here).images for term in terms]
-    except IllPosedError:
-        return terms
-    laws = [law_with(term, half_width, own.noise + own.made) for term, own in zip(terms, images, strict=True)]
-    reached = [least_quantile(law, _level_of(term)) for law, term in zip(laws, terms, strict=True)]
-    ratios = np.array(reached) / [term.demand.requirement.limit for term in terms]
+    ratios = np.array([value_at(problem, term, here) / term.demand.requirement.limit for term in terms])
     return [term for term, ratio in zip(terms, ratios, strict=True) if ratio >= LEADING * ratios.max()]
 
 
