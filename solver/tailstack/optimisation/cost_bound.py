@@ -42,7 +42,7 @@ from ..geometry.arrays import Array
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most
 from ..system import Law
-from ..tail.declared import LinearLaw, evaluation_of
+from ..tail.declared import evaluation_of
 from .global_bound import (
     SAID,
     NoBound,
@@ -244,7 +244,7 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     def ratio(logs: Array, fine: bool = False) -> float:
         if not fine and (before := known.get(logs.tobytes())) is not None:
             return before
-        each = ((_law_at(own, logs), own.level, own.limit_mm) for own in allowed)
+        each = ((law_with(own.term, np.exp(logs), own.images), own.level, own.limit_mm) for own in allowed)
         largest = max(sure_quantile(law, level, fine) / limit for law, level, limit in each)
         return largest if fine else known.setdefault(logs.tobytes(), largest / (1 + COARSE))
 
@@ -269,9 +269,6 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     def look(low: Array, high: Array, above: Cell | None = None) -> Cell | None:
         """A cell, or nothing where none keep the limits for less than the best that is known."""
         nonlocal best, near
-        low = _raise_low(problem, low, high, best * (1 - NEAR))
-        if (low > high).any():
-            return None
         least, tangents = problem.cost(np.exp(high)), tuple[Tangent, ...]()
         if above is not None:
             least, tangents = max(least, above.least), above.tangents
@@ -305,22 +302,6 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
     return min((best * (1 - NEAR), *(cell.least for cell in cells))) * (1 - ROUNDING)
 
 
-def _raise_low(problem: PlacementProblem, low: Array, high: Array, most: float) -> Array:
-    """(K,) logarithms below which no half-width of a cell can be where all of them cost no more than ``most``."""
-    least = np.array([float(_cost(free.price, x[None])[0]) for free, x in zip(problem.half_widths, high, strict=True)])
-    room, found = most - (least.sum() - least), low.copy()
-    for k, free in enumerate(problem.half_widths):
-        if free.price.curve == "power" and room[k] > 0:
-            found[k] = max(low[k], log(free.price.weight / room[k]) / free.price.exponent)
-        elif room[k] < least[k]:
-            found[k] = inf
-    return found
-
-
-def _law_at(each: Allowed, logs: Array) -> LinearLaw:
-    return law_with(each.term, np.exp(logs), each.images)
-
-
 def _on_limit(ratio: Callable[[Array], float], low: Array, high: Array, near: Array) -> Array:
     """(K,) logarithms in a cell that keep the limits just so, reached from those that are near along its diagonal."""
     near = np.clip(near, low, high)
@@ -350,7 +331,7 @@ def _pull(problem: PlacementProblem, logs: Array) -> Array:
 
 def _touch(each: Allowed, logs: Array) -> Tangent:
     """The bound that touches at half-widths on the limit."""
-    law = evaluation_of(_law_at(each, logs), 0.5)
+    law = evaluation_of(law_with(each.term, np.exp(logs), each.images), 0.5)
     chance = law.probability(each.limit_mm)
     found = law.quantile(min(max(chance, LEAST_CHANCE), 1 - LEAST_CHANCE))
     by, columns = law.gradient([(found, 1.0)]), columns_with(each.term, np.exp(logs))
