@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from optimise_scenes import solve_placement
+from plain_data import EVERY
 from tailstack import Design, DesignError, allocate, load_design, score
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.request import read_request
@@ -41,6 +42,18 @@ def priced() -> Design:
     return example("first_carrier", **{"optimise.tolerances": own})
 
 
+def clipped() -> Design:
+    """Both seats from a tenth to three times what they are; of each unit, whole steps swing further and further."""
+    free = [
+        {"interface": seat, "component": component, f"min_{unit}": value / 10, f"max_{unit}": 3 * value}
+        for seat, each in EVERY["clip_on"]["interfaces"].items()
+        for component, tolerance in each["tolerances"].items()
+        for unit in ("deg", "mm")
+        if (value := tolerance.get(f"half_width_{unit}"))
+    ]
+    return load_design(EVERY["clip_on"] | {"optimise": {"tolerances": free}})
+
+
 def searched(design: Design, name: str, limit: float, locked: tuple[str, ...] = ()) -> tuple[float, float]:
     """Cost of the optimiser's optimum by the exact law with nothing but these half-widths free, and the largest part of
     a limit that it came to."""
@@ -65,10 +78,11 @@ CASES = {
     "two requirements": (example("locators_321"), "workspace-accuracy", 0.36, ()),
     "per unit": (example("locators_321"), "unit-yield", 0.4, ()),
     "several statistics": (example("mean_and_tail"), "tail", 0.6, ()),
+    "steps that swing": (clipped(), "each-unit", 0.9359, ()),
 }
 
 
-@pytest.mark.long("per unit")
+@pytest.mark.long("per unit", "steps that swing")
 @pytest.mark.parametrize("name", CASES)
 def test_it_costs_what_the_optimiser_finds_at_that_layout(name: str) -> None:
     """independent: IPOPT on the closed form corrected to the exact law, by which the optimiser goes."""

@@ -216,15 +216,17 @@ def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
 
 def _find_within(problem: PlacementProblem, taken: Sequence[_Held], begin: Array) -> Array:
     """(K,) the cheapest within these limits.  The square of a value over its limit is taken to be linear in the squares
-    of half-widths, as a mean square is; solved again with the slopes at what was found, until that stands still."""
-    found, cost = begin, np.inf
+    of half-widths, as a mean square is; solved again with the slopes at what was found, until that stands still.
+    Where that swings, further and further beyond a limit, steps are halved."""
+    found, cost, worst, part = begin, np.inf, np.inf, 1.0
     for _ in range(MOST_STEPS):
         squares = np.array([each.ratio_at(found) / (1 - AIM) for each in taken]) ** 2
         cost, before = problem.cost(found), cost
         if abs(cost - before) <= SETTLED * cost and squares.max() <= 1 + AIM:
             return found
+        worst, part = squares.max(), part / 2 if squares.max() > worst > 1 + AIM else part
         by_square = squares[:, None] * np.array([each.slopes_at(found) for each in taken]) / found**2
-        found = _solve_model(problem, squares - by_square @ found**2, by_square, found)
+        found = found * (_solve_model(problem, squares - by_square @ found**2, by_square, found) / found) ** part
     detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
     raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
