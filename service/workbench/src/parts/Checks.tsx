@@ -2,7 +2,7 @@
 
 import type { AnyReading, Check } from "../readings";
 import { decimalsOf, levelOf, mm, percent, sign, stated, told, VERDICTS } from "../words";
-import { Term } from "./Words";
+import { Table, Term } from "./Words";
 
 export const interval = (ends: readonly (number | null)[], d: number) => (ends[1] === null ? `${mm(ends[0], d)}, no upper end known` : `${mm(ends[0], d)} to ${mm(ends[1], d)}`);
 
@@ -16,21 +16,16 @@ export function Checks({ of: { kind, record }, label }: { of: AnyReading; label:
   const levels = checks.some((check) => check.yield_fraction !== null);
   const unit = new Set(checks.map((check) => check.unit)).size === 1 ? `, ${checks[0].unit}` : "";
   return (
-    <div class="scroll" tabIndex={0} role="region" aria-label={label}>
-      <table class="checks" data-kind={kind}>
-        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{levels && <th class="number">Within it (asked for)</th>}</tr></thead>
-        <tbody>
-          {checks.slice(0, 400).map((check) => ({ check, d: decimalsOf(record, check.unit) })).map(({ check, d }) => (
-            <tr key={check.requirement + check.target}>
-              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${levelOf(check.risk) ? `per ${levelOf(check.risk)}: each by itself` : "pooled: all shots together"}${check.ids?.length ? "; " : ""}`}{check.ids?.map((id, k) => [k ? ", " : "", <span key={id} class="id">{id}</span>])}</span></th>
-              <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
-              <td class="number">{unit ? mm(check.value, d) : told(check.value, d, check.unit)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{unit ? stated(check.limit, d) : limitWords(check.limit, d, check.unit)}</td>
-              {levels && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} of ${levelOf(check.risk)}s (${percent(check.min_yield)})`}</td>}
-            </tr>
-          ))}
-        </tbody>
-      </table>
-    </div>
+    <Table name={label} look="checks" kind={kind} head={<><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{levels && <th class="number">Within it (asked for)</th>}</>}>
+      {checks.slice(0, 400).map((check) => ({ check, d: decimalsOf(record, check.unit) })).map(({ check, d }) => (
+        <tr key={check.requirement + check.target}>
+          <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${levelOf(check.risk) ? `per ${levelOf(check.risk)}: each by itself` : "pooled: all shots together"}${check.ids?.length ? "; " : ""}`}{check.ids?.map((id, k) => [k ? ", " : "", <span key={id} class="id">{id}</span>])}</span></th>
+          <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
+          <td class="number">{unit ? mm(check.value, d) : told(check.value, d, check.unit)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{unit ? stated(check.limit, d) : limitWords(check.limit, d, check.unit)}</td>
+          {levels && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} of ${levelOf(check.risk)}s (${percent(check.min_yield)})`}</td>}
+        </tr>
+      ))}
+    </Table>
   );
 }
 

@@ -17,7 +17,7 @@ import { stepsOf } from "./grip";
 import { Lock } from "./Limit";
 import { Pin } from "./Pin";
 import { Problems } from "./Problems";
-import { Term } from "./Words";
+import { Table, Term } from "./Words";
 
 type Allowance = components["schemas"]["Allowance"];
 
@@ -281,21 +281,15 @@ function Matrix({ targets, of, measures, lines }: { targets: TargetScore[]; of: 
   return (
     <details>
       <summary>{`Shares at every target${measures.length ? " and of every measure" : ""}`}</summary>
-      <div class="scroll" tabIndex={0} role="region" aria-label="Contributors by target">
-        <table>
-          <caption><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</caption>
-          <thead><tr><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}{measures.map(({ words, site }) => <th class="number" key={words + site}>{`${words}, ${site}`}</th>)}</tr></thead>
-          <tbody>
-            {lines.map((c, k) => (
-              <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
-                <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
-                {targets.map((t) => <td class="number" key={t.name}>{percent(t.contributors[k]?.variance_share ?? 0)}</td>)}
-                {measures.map(({ words, site, shares }) => <td class="number" key={words + site}>{c.component === "all" && c.law !== "known" ? percent(shares.find(({ name }) => name === c.name)?.variance_share ?? 0) : ""}</td>)}
-              </tr>
-            ))}
-          </tbody>
-        </table>
-      </div>
+      <Table name="Contributors by target" caption={<><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</>} head={<><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}{measures.map(({ words, site }) => <th class="number" key={words + site}>{`${words}, ${site}`}</th>)}</>}>
+        {lines.map((c, k) => (
+          <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
+            <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
+            {targets.map((t) => <td class="number" key={t.name}>{percent(t.contributors[k]?.variance_share ?? 0)}</td>)}
+            {measures.map(({ words, site, shares }) => <td class="number" key={words + site}>{c.component === "all" && c.law !== "known" ? percent(shares.find(({ name }) => name === c.name)?.variance_share ?? 0) : ""}</td>)}
+          </tr>
+        ))}
+      </Table>
     </details>
   );
 }

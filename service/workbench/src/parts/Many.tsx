@@ -13,6 +13,7 @@ import { slides } from "./Contributors";
 import { copy } from "./Files";
 import { Problems } from "./Problems";
 import { fileName, save } from "./Reports";
+import { Table } from "./Words";
 import "./many.css";
 
 // --- what is to vary ---------------------------------------------------------------------------------------------------
@@ -364,27 +365,24 @@ function Axes() {
     return good;
   };
   return (
-    <div class="scroll" tabIndex={0} role="region" aria-label="Axes">
-      <table class="axes">
-        <thead><tr><th>Axis</th><th class="number">Now</th><th>Drawn from</th><th>to</th><th>Kept from</th><th>to</th><th><span class="hidden">Leave it out</span></th></tr></thead>
-        <tbody>
-          {axes.value.map((axis) => (
-            <tr key={axis.key}>
-              <th scope="row">{named(axis)}</th><td class="number">{brief(axis.now)}</td>
-              <td><Typed label={`draw ${axis.label} from`} value={axis.low} take={bound(axis, 0)} /></td><td><Typed label={`draw ${axis.label} up to`} value={axis.high} take={bound(axis, 1)} /></td>
-              {kept(axis.key, axis.label)}
-              <td><button type="button" class="small" aria-label={`Leave ${axis.label} as it is`} onClick={() => choose((held) => held.delete(axis.key))}>×</button></td>
-            </tr>
-          ))}
-          {found.map((column) => <tr key={column.key}><th scope="row">{named(column)}</th><td class="number">{column.now === null ? "" : brief(column.now)}</td><td colSpan={2} class="note">found</td>{kept(column.key, column.label)}<td /></tr>)}
-        </tbody>
-      </table>
+    <>
+      <Table name="Axes" look="axes" head={<><th>Axis</th><th class="number">Now</th><th>Drawn from</th><th>to</th><th>Kept from</th><th>to</th><th><span class="hidden">Leave it out</span></th></>}>
+        {axes.value.map((axis) => (
+          <tr key={axis.key}>
+            <th scope="row">{named(axis)}</th><td class="number">{brief(axis.now)}</td>
+            <td><Typed label={`draw ${axis.label} from`} value={axis.low} take={bound(axis, 0)} /></td><td><Typed label={`draw ${axis.label} up to`} value={axis.high} take={bound(axis, 1)} /></td>
+            {kept(axis.key, axis.label)}
+            <td><button type="button" class="small" aria-label={`Leave ${axis.label} as it is`} onClick={() => choose((held) => held.delete(axis.key))}>×</button></td>
+          </tr>
+        ))}
+        {found.map((column) => <tr key={column.key}><th scope="row">{named(column)}</th><td class="number">{column.now === null ? "" : brief(column.now)}</td><td colSpan={2} class="note">found</td>{kept(column.key, column.label)}<td /></tr>)}
+      </Table>
       {rest.length > 0 && axes.value.length < MOST_AXES && (
         <p class="controls"><label>Let vary, too{" "}<select value="" onChange={(event) => { const axis = rest.find(({ key }) => key === event.currentTarget.value); if (axis) choose((held) => held.set(axis.key, [axis.low, axis.high])); event.currentTarget.value = ""; }}>
           <option value="">choose …</option>{rest.map((axis) => <option key={axis.key} value={axis.key}>{named(axis)}</option>)}
         </select></label>{" "}<MapOf /></p>
       )}
-    </div>
+    </>
   );
 }
 

@@ -12,6 +12,7 @@ import { Dots, isDrawn } from "./Dots";
 import { beads, ghost } from "./Pictures";
 import { shownComment } from "./Pin";
 import { fileName, Reports, saveAnswer } from "./Reports";
+import { Table } from "./Words";
 
 // --- versions ---------------------------------------------------------------------------------------------------------------
 
@@ -52,29 +53,23 @@ export function Versions() {
         <label class="button">Compare with a file<input type="file" class="hidden" accept=".yaml,.yml,.json" onChange={(event) => { void open(event.currentTarget.files?.[0]); event.currentTarget.value = ""; }} /></label>
       </form>
       {versions.value.length > 0 && (
-        <div class="scroll" tabIndex={0} role="region" aria-label="Versions">
-          <table>
-            <caption>The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers</caption>
-            <thead><tr><th>Version</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides; use</th></tr></thead>
-            <tbody>
-              <tr><th>now</th><Judged of={now} /></tr>
-              {versions.value.map((version) => {
-                const estimate = scored.value[version.text], of = estimate === undefined ? undefined : { estimate, simulation: simulationOf(estimate?.sha) };
-                return (
-                  <tr key={version.name}>
-                    <th title={[version.date, version.note].filter(Boolean).join(": ")}>{version.name}{version.note && <span class="note">{` ${version.note}`}</span>}</th>
-                    <Judged of={of} now={now}>
-                      <label><input type="checkbox" aria-label={`Draw ${version.name} below`} checked={ghost.value === version.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? version.name : null)} />draw</label>
-                      <button type="button" class="small" aria-pressed={compared === version.name} onClick={() => compare(compared === version.name ? null : version.name)}>compare</button>
-                      <button type="button" class="small" onClick={() => takeVersion(version)}>take</button>
-                      <button type="button" class="small" aria-label={`Remove version ${version.name}`} onClick={() => removeVersion(version.name)}>×</button>
-                    </Judged>
-                  </tr>
-                );
-              })}
-            </tbody>
-          </table>
-        </div>
+        <Table name="Versions" caption="The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers" head={<><th>Version</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides; use</th></>}>
+          <tr><th>now</th><Judged of={now} /></tr>
+          {versions.value.map((version) => {
+            const estimate = scored.value[version.text], of = estimate === undefined ? undefined : { estimate, simulation: simulationOf(estimate?.sha) };
+            return (
+              <tr key={version.name}>
+                <th title={[version.date, version.note].filter(Boolean).join(": ")}>{version.name}{version.note && <span class="note">{` ${version.note}`}</span>}</th>
+                <Judged of={of} now={now}>
+                  <label><input type="checkbox" aria-label={`Draw ${version.name} below`} checked={ghost.value === version.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? version.name : null)} />draw</label>
+                  <button type="button" class="small" aria-pressed={compared === version.name} onClick={() => compare(compared === version.name ? null : version.name)}>compare</button>
+                  <button type="button" class="small" onClick={() => takeVersion(version)}>take</button>
+                  <button type="button" class="small" aria-label={`Remove version ${version.name}`} onClick={() => removeVersion(version.name)}>×</button>
+                </Judged>
+              </tr>
+            );
+          })}
+        </Table>
       )}
       {chosen && versions.value.length > 1 && (
         <p><label>{`${chosen.name} against `}<select value={other?.name ?? ""} onChange={(event) => setAgainst(event.currentTarget.value)}><option value="">now</option>{versions.value.filter((each) => each !== chosen).map(({ name }) => <option key={name}>{name}</option>)}</select></label></p>
@@ -114,12 +109,9 @@ function Pair({ first, second, now }: { first: Version; second: Version | undefi
         {made?.of === told && <span class="note">By estimate: <Reports path={made.path} of={title} /></span>}
         {run && <span class="note">Simulated: <Reports path={run.report!} of={title} /></span>}
       </p>
-      <div class="scroll" tabIndex={0} role="region" aria-label={`Differences from version ${first.name}`}>
-        <table>
-          <thead><tr><th>Field</th><th class="number">{names[0]}</th><th class="number">{names[1]}</th></tr></thead>
-          <tbody>{rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(after, pointerOf(row.path))}</th><td class="number">{brief(valueAt(before, row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}</tbody>
-        </table>
-      </div>
+      <Table name={`Differences from version ${first.name}`} head={<><th>Field</th><th class="number">{names[0]}</th><th class="number">{names[1]}</th></>}>
+        {rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(after, pointerOf(row.path))}</th><td class="number">{brief(valueAt(before, row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}
+      </Table>
     </section>
   );
 }
@@ -136,17 +128,13 @@ function Budgets({ names, readings }: { names: string[]; readings: Reading<"esti
   const most = Math.max(1e-9, ...of.flatMap((each) => [...each.values()].map(({ size }) => size))), d = readings[1].decimals;
   const keys = [...new Set(of.flatMap((each) => [...each.keys()]))].sort((a, b) => Math.max(...of.map((each) => each.get(b)?.size ?? 0)) - Math.max(...of.map((each) => each.get(a)?.size ?? 0))).slice(0, 12);
   return (
-    <div class="scroll budget" tabIndex={0} role="region" aria-label="Budgets side by side">
-      <table data-kind="estimate">
-        <caption>{`What each source moves ${[...new Set(readings.map(({ target }) => target.name))].join(", ")} by, by itself: root mean square, mm, by estimate`}</caption>
-        <thead><tr><th>Contributor</th>{names.map((name) => <th key={name} class="number">{name}</th>)}</tr></thead>
-        <tbody>{keys.map((key) => (
-          <tr key={key}><th>{of[1].get(key)?.label ?? of[0].get(key)?.label}</th>{of.map((each, k) => (
-            <td key={names[k]} class="number share"><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={(100 * (each.get(key)?.size ?? 0)) / most} height="10" /></svg>{each.has(key) ? mm(each.get(key)!.size, d) : "–"}</td>
-          ))}</tr>
-        ))}</tbody>
-      </table>
-    </div>
+    <Table name="Budgets side by side" of="budget" kind="estimate" caption={`What each source moves ${[...new Set(readings.map(({ target }) => target.name))].join(", ")} by, by itself: root mean square, mm, by estimate`} head={<><th>Contributor</th>{names.map((name) => <th key={name} class="number">{name}</th>)}</>}>
+      {keys.map((key) => (
+        <tr key={key}><th>{of[1].get(key)?.label ?? of[0].get(key)?.label}</th>{of.map((each, k) => (
+          <td key={names[k]} class="number share"><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={(100 * (each.get(key)?.size ?? 0)) / most} height="10" /></svg>{each.has(key) ? mm(each.get(key)!.size, d) : "–"}</td>
+        ))}</tr>
+      ))}
+    </Table>
   );
 }
 

@@ -15,6 +15,7 @@ import { Checks, Measures } from "./Checks";
 import { fetched } from "./fetched";
 import { Problems } from "./Problems";
 import { Reports } from "./Reports";
+import { Table } from "./Words";
 
 type Distribution = components["schemas"]["ErrorDistribution"];
 
@@ -51,21 +52,16 @@ function Recent() {
   return (
     <details>
       <summary>{`Recent jobs of the service (${recent.value.length})`}</summary>
-      <div class="scroll" tabIndex={0} role="region" aria-label="Recent jobs of the service">
-        <table>
-          <thead><tr><th>Begun</th><th>What</th><th>Design</th><th>State</th><th>Report</th><th>Here</th></tr></thead>
-          <tbody>
-            {recent.value.map((job) => (
-              <tr key={job.id} data-job={job.id}>
-                <td>{new Date(job.created_at).toLocaleString()}</td><td>{job.kind}</td><td dir="auto">{job.design_name}</td>
-                <td class={job.state === "succeeded" ? "" : `status ${job.state}`}>{stateWords(job)}</td>
-                <td>{job.links.report && <Reports path={job.links.report} of={job.design_name} />}</td>
-                <td>{!runs.value.some((run) => run.id === job.id) && <button type="button" class="small" aria-label={`Show ${job.kind} of ${job.design_name} here`} onClick={() => adopt(job, `${job.kind} of ${job.design_name}`, "")}>show</button>}</td>
-              </tr>
-            ))}
-          </tbody>
-        </table>
-      </div>
+      <Table name="Recent jobs of the service" head={<><th>Begun</th><th>What</th><th>Design</th><th>State</th><th>Report</th><th>Here</th></>}>
+        {recent.value.map((job) => (
+          <tr key={job.id} data-job={job.id}>
+            <td>{new Date(job.created_at).toLocaleString()}</td><td>{job.kind}</td><td dir="auto">{job.design_name}</td>
+            <td class={job.state === "succeeded" ? "" : `status ${job.state}`}>{stateWords(job)}</td>
+            <td>{job.links.report && <Reports path={job.links.report} of={job.design_name} />}</td>
+            <td>{!runs.value.some((run) => run.id === job.id) && <button type="button" class="small" aria-label={`Show ${job.kind} of ${job.design_name} here`} onClick={() => adopt(job, `${job.kind} of ${job.design_name}`, "")}>show</button>}</td>
+          </tr>
+        ))}
+      </Table>
       <p><button type="button" class="small" onClick={loadRecent}>Look again</button></p>
     </details>
   );
@@ -168,17 +164,12 @@ function Verified({ result }: { result: Json }) {
       <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`${reading.headline} is known to ±${percent(precisionOf(reading), 2)}; the estimate of P95 is ${percent(Math.abs(result.first_order_ratio - 1))} ${result.first_order_ratio < 1 ? "below" : "above"} the simulation.`}</span></p>
       <Checks of={reading} label="Requirements as verified" />
       <Measures of={reading} />
-      <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
-      <table data-kind="simulation">
-        <thead><tr><th>Target</th><th class="number">P95 simulated, mm</th><th class="number">{`${percent(result.targets[0]?.confidence, 0)} interval, mm`}</th><th class="number">Mean, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th><th class="number">P95 by estimate, mm</th></tr></thead>
-        <tbody>
-          {result.targets.slice(0, 200).map((t: Json) => (
-            <tr key={t.name}><th>{t.name}</th><td class="number">{mm(t.p95_mm, d)}</td><td class="number">{t.p95_interval_mm.map((v: number) => mm(v, d)).join(" to ")}</td>
-              <td class="number">{mm(t.mean_norm_mm, d)}</td><td class="number">{mm(t.worst_mm, d)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td><td class="number" data-kind="estimate">{mm(t.first_order_p95_mm, d)}</td></tr>
-          ))}
-        </tbody>
-      </table>
-      </div>
+      <Table name="Verification" kind="simulation" head={<><th>Target</th><th class="number">P95 simulated, mm</th><th class="number">{`${percent(result.targets[0]?.confidence, 0)} interval, mm`}</th><th class="number">Mean, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th><th class="number">P95 by estimate, mm</th></>}>
+        {result.targets.slice(0, 200).map((t: Json) => (
+          <tr key={t.name}><th>{t.name}</th><td class="number">{mm(t.p95_mm, d)}</td><td class="number">{t.p95_interval_mm.map((v: number) => mm(v, d)).join(" to ")}</td>
+            <td class="number">{mm(t.mean_norm_mm, d)}</td><td class="number">{mm(t.worst_mm, d)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td><td class="number" data-kind="estimate">{mm(t.first_order_p95_mm, d)}</td></tr>
+        ))}
+      </Table>
     </>
   );
 }
@@ -189,15 +180,10 @@ function Optimum({ result }: { result: Json }) {
     <>
       <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.headline} ${mm(check.value, check.digits)} ${check.unit}, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
       {[result.certificate.cheapest?.statement, result.certificate.global_bound?.statement, result.view_offer?.sentence, result.aimed?.sentence, result.moves?.sentence, ...result.influence.map(({ message }: Json) => message)].filter(Boolean).map((sentence: string) => <p key={sentence} class="note">{sentence}</p>)}
-      <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
-        <table>
-          <thead><tr><th>What changes</th><th class="number">before</th><th class="number">after</th></tr></thead>
-          <tbody>
-            {result.moved.slice(0, 100).map((m: Json) => <tr key={m.label}><th>{m.label}</th><td class="number">{point(m.before_mm)}</td><td class="number">{point(m.after_mm)}</td></tr>)}
-            {result.tolerances.slice(0, 100).map((t: Json) => <tr key={t.contributor + t.component}><th>{(t.label || t.contributor).endsWith(` ${t.component}`) ? t.label || t.contributor : `${t.label || t.contributor} ${t.component}`}</th><td class="number">{t.before_drawn ?? width(t.before_half_width, t)}</td><td class="number">{t.before_drawn ? t.grade : width(t.after_half_width, t) + (t.grade ? `, ${t.grade}` : "")}</td></tr>)}
-          </tbody>
-        </table>
-      </div>
+      <Table name="What changes" head={<><th>What changes</th><th class="number">before</th><th class="number">after</th></>}>
+        {result.moved.slice(0, 100).map((m: Json) => <tr key={m.label}><th>{m.label}</th><td class="number">{point(m.before_mm)}</td><td class="number">{point(m.after_mm)}</td></tr>)}
+        {result.tolerances.slice(0, 100).map((t: Json) => <tr key={t.contributor + t.component}><th>{(t.label || t.contributor).endsWith(` ${t.component}`) ? t.label || t.contributor : `${t.label || t.contributor} ${t.component}`}</th><td class="number">{t.before_drawn ?? width(t.before_half_width, t)}</td><td class="number">{t.before_drawn ? t.grade : width(t.after_half_width, t) + (t.grade ? `, ${t.grade}` : "")}</td></tr>)}
+      </Table>
       {result.design && <p><button type="button" onClick={() => takeOptimum(result)}>Take this design (undo brings yours back)</button></p>}
     </>
   );

@@ -10,6 +10,7 @@ import { axesOf } from "../sample";
 import { design, edit, type Json, parse, type Path, pointerOf, settled, text, valueAt, withEdits } from "../state";
 import { brief, countDecimals, mm, readNumber, stated, VERDICTS } from "../words";
 import { slides } from "./Contributors";
+import { Table } from "./Words";
 
 type Record = components["schemas"]["Sweep"];
 type Point = Record["points"][number];
@@ -124,22 +125,16 @@ export function Swept({ run, result }: { run: Run; result: Record }) {
     <div class={other ? "old" : ""} data-kind={kind}>
       {drawn && drawn.curves.some((curve) => curve.points.some(({ y }) => y !== null)) && <Plot of={result} {...drawn} how={how} digits={d} isNow={isNow} take={usable ? take : null} />}
       {refused.length > 0 && <p class="note">{`${refused.length} of ${points.length} points were refused; ${axes.map((axis, k) => `${nameOf(axis)} ${brief(refused[0].values[k])}`).join(", ")}: ${refused[0].reason}`}</p>}
-      <div class="scroll swept" tabIndex={0} role="region" aria-label="Sweep">
-        <table>
-          <caption>{`P95 of the error at the tool, mm, ${how}${columns ? "" : ", at the target where it is largest"}`}</caption>
-          <thead><tr>{axes.map((axis) => <th key={axis.pointer}>{nameOf(axis)}</th>)}{(columns ?? ["P95"]).map((name) => <th key={name} class="number">{name}</th>)}<th>Status</th><th><span class="hidden">Take it</span></th></tr></thead>
-          <tbody>
-            {points.slice(0, 200).map((of, k) => (
-              <tr key={k} class={isNow(of) ? "chosen" : ""}>
-                {of.values.map((value, n) => (n ? <td key={n}>{stated(value, 0)}</td> : <th key={n} scope="row">{stated(value, 0)}</th>))}
-                {(columns ?? [null]).map((name) => <td key={name} class="number">{mm((name === null ? worst(of) : of.targets.find((target) => target.name === name))?.p95_mm, d)}</td>)}
-                <td class={`status ${of.verdict ?? ""}`}>{of.verdict ? VERDICTS[of.verdict] : of.status}</td>
-                <td>{isNow(of) ? "now" : <button type="button" class="small" disabled={!usable || of.status === "refused"} aria-label={`Take ${of.values.map(brief).join(", ")}`} onClick={() => take(of)}>take</button>}</td>
-              </tr>
-            ))}
-          </tbody>
-        </table>
-      </div>
+      <Table name="Sweep" of="swept" caption={<>{`P95 of the error at the tool, mm, ${how}${columns ? "" : ", at the target where it is largest"}`}</>} head={<>{axes.map((axis) => <th key={axis.pointer}>{nameOf(axis)}</th>)}{(columns ?? ["P95"]).map((name) => <th key={name} class="number">{name}</th>)}<th>Status</th><th><span class="hidden">Take it</span></th></>}>
+        {points.slice(0, 200).map((of, k) => (
+          <tr key={k} class={isNow(of) ? "chosen" : ""}>
+            {of.values.map((value, n) => (n ? <td key={n}>{stated(value, 0)}</td> : <th key={n} scope="row">{stated(value, 0)}</th>))}
+            {(columns ?? [null]).map((name) => <td key={name} class="number">{mm((name === null ? worst(of) : of.targets.find((target) => target.name === name))?.p95_mm, d)}</td>)}
+            <td class={`status ${of.verdict ?? ""}`}>{of.verdict ? VERDICTS[of.verdict] : of.status}</td>
+            <td>{isNow(of) ? "now" : <button type="button" class="small" disabled={!usable || of.status === "refused"} aria-label={`Take ${of.values.map(brief).join(", ")}`} onClick={() => take(of)}>take</button>}</td>
+          </tr>
+        ))}
+      </Table>
     </div>
   );
 }

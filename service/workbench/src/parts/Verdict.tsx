@@ -18,7 +18,7 @@ import { Reach } from "./Levers";
 import { Limit, limitOf, Pulled } from "./Limit";
 import { Problems } from "./Problems";
 import { handOver, ReportLink } from "./Reports";
-import { Fold, Term } from "./Words";
+import { Fold, Table, Term } from "./Words";
 
 const warming = signal(false); // the service says that it is not ready yet
 const PATIENCE = 700; // ms without a first score, after which the page asks why
@@ -96,7 +96,7 @@ function Others({ of: { record, decides } }: { of: AnyReading }) {
   }
   return all.length > 0 && (
     <details class="others" key={decides?.requirement}><summary>
-      {all.map(({ requirement, target, value, limit, unit, status }) => <span key={requirement}>{`${requirement}, ${target}: `}<b class={`status ${status}`}>{`${told(value, decimalsOf(record as Score, unit), unit)} of ${limitWords(limit, decimalsOf(record as Score, unit), unit)}`}</b></span>)}
+      {all.map(({ requirement, target, value, limit, unit, status, headline, words }) => <span key={requirement} title={`${headline} of ${words}`}>{`${requirement}, ${target}: `}<i>{`${headline} of ${words} `}</i><b class={`status ${status}`}>{`${told(value, decimalsOf(record as Score, unit), unit)} of ${limitWords(limit, decimalsOf(record as Score, unit), unit)}`}</b></span>)}
     </summary></details>
   );
 }
@@ -215,25 +215,19 @@ function Losses({ score }: { score: Score }) {
   const verdict = (loss: { value: number | null } | null, limit: number | null) =>
     loss === null || limit === null ? "" : loss.value !== null && loss.value <= limit ? "status pass" : "status fail";
   return (
-    <div class="scroll" tabIndex={0} role="region" aria-label="Lost fiducials">
-      <table class={score.losses.length ? "" : "old"} data-kind="estimate">
-        <caption>If fiducials are not found: the worst of all losses, by estimate</caption>
-        <thead><tr><th>Requirement</th><th class="number">With all</th><th>Without one</th><th>Without two</th>{mixed && <th>Missed as often as stated</th>}</tr></thead>
-        <tbody>
-          {shown.map((loss) => (
-            <tr key={loss.requirement}>
-              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{`${mm(loss.value, decimals.value)} ${loss.unit}`}</td>
-              <td class={verdict(loss.single, loss.limit)}>{words(loss.single, loss.unit)}</td><td class={verdict(loss.double, loss.limit)}>{words(loss.double, loss.unit)}</td>
-              {loss.mixture && (
-                <td class={verdict(loss.mixture, loss.limit)}>
-                  {loss.mixture.value === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value, decimals.value)} ${loss.unit}`}
-                </td>
-              )}
-            </tr>
-          ))}
-        </tbody>
-      </table>
-    </div>
+    <Table name="Lost fiducials" look={score.losses.length ? "" : "old"} kind="estimate" caption="If fiducials are not found: the worst of all losses, by estimate" head={<><th>Requirement</th><th class="number">With all</th><th>Without one</th><th>Without two</th>{mixed && <th>Missed as often as stated</th>}</>}>
+      {shown.map((loss) => (
+        <tr key={loss.requirement}>
+          <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{`${mm(loss.value, decimals.value)} ${loss.unit}`}</td>
+          <td class={verdict(loss.single, loss.limit)}>{words(loss.single, loss.unit)}</td><td class={verdict(loss.double, loss.limit)}>{words(loss.double, loss.unit)}</td>
+          {loss.mixture && (
+            <td class={verdict(loss.mixture, loss.limit)}>
+              {loss.mixture.value === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value, decimals.value)} ${loss.unit}`}
+            </td>
+          )}
+        </tr>
+      ))}
+    </Table>
   );
 }
 
@@ -248,17 +242,11 @@ export function Requirements() {
       <div class={standing.value.holds ? "" : "outdated"}>
       {estimated.value && <Measures of={estimated.value} />}
       <Fold words="Per unit, and if fiducials are not found">
-      <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
-        <table data-kind="estimate">
-          <caption>Two readings of the risk at the tool, by estimate</caption>
-          <thead><tr><th>Target</th><th class="number"><Term word="pooled">Pooled</Term>: 95 % of all <Term word="shot">shots</Term> within, mm</th><th class="number"><Term word="per-unit">Per unit</Term>: P95 that 95 % of <Term word="unit">units</Term> keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
-          <tbody>
-            {score.targets.slice(0, 50).map((target) => (
-              <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm, decimals.value)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm, decimals.value)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
-            ))}
-          </tbody>
-        </table>
-      </div>
+      <Table name="Pooled and per unit" kind="estimate" caption="Two readings of the risk at the tool, by estimate" head={<><th>Target</th><th class="number"><Term word="pooled">Pooled</Term>: 95 % of all <Term word="shot">shots</Term> within, mm</th><th class="number"><Term word="per-unit">Per unit</Term>: P95 that 95 % of <Term word="unit">units</Term> keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></>}>
+        {score.targets.slice(0, 50).map((target) => (
+          <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm, decimals.value)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm, decimals.value)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
+        ))}
+      </Table>
       <Losses score={score} />
       </Fold>
       </div>

@@ -20,6 +20,15 @@ export function Term({ word, quiet = false, children }: { word: string; quiet?: 
   );
 }
 
+/** A table by its name, which scrolls by itself where it is too wide.  ``kind``: of which its numbers are. */
+export function Table({ name, head, caption, kind, of = "", look, children }: { name: string; head: ComponentChildren; caption?: ComponentChildren; kind?: string; of?: string; look?: string; children: ComponentChildren }) {
+  return (
+    <div class={`scroll ${of}`.trim()} tabIndex={0} role="region" aria-label={name}>
+      <table class={look} data-kind={kind}>{caption && <caption>{caption}</caption>}<thead><tr>{head}</tr></thead><tbody>{children}</tbody></table>
+    </div>
+  );
+}
+
 /** What is folded until it is asked for; on paper it is there. */
 export function Fold({ words, children }: { words: string; children: ComponentChildren }) {
   const [open, setOpen] = useState(false);
