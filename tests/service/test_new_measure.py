@@ -124,8 +124,8 @@ def test_the_terminal_and_the_page_tell_it_in_its_unit(copy: subprocess.Popen[st
     assert any("of the angle of the axis, tip to entry" in line for line in strip)
     value = simulation["verdict"]["checks"][-1]["value"]
     assert any(line.startswith(f"{value:.4f}"[:5]) and line.endswith("°") for line in strip)
-    beside = [line for line in verified if re.fullmatch(r"[\d.]+ mm of [\d.]+ mm", line)]
-    assert len(beside) == 1  # the other requirement
+    assert not [line for line in strip if line.endswith(" mm")]
+    assert any(re.match(r"tip-accuracy, tip: .* mm of .* mm\b", line) for line in verified)  # the other, in a line
     assert "straight at tip to entry: beyond the limit." in " ".join(verified)
     named = [k for k, line in enumerate(verified) if line == "the angle of the axis, tip to entry"]
     (row,) = (k for k in named if verified[k + 1].startswith(f"{told['p95']:.3f}"))  # elsewhere: its shares

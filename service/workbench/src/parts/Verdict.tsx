@@ -96,7 +96,7 @@ function Others({ of: { record, decides } }: { of: AnyReading }) {
   }
   return all.length > 0 && (
     <details class="others" key={decides?.requirement}><summary>
-      {all.map(({ requirement, target, value, limit, unit, status, headline, words }) => <span key={requirement} title={`${headline} of ${words}`}>{`${requirement}, ${target}: `}<i>{`${headline} of ${words} `}</i><b class={`status ${status}`}>{`${told(value, decimalsOf(record as Score, unit), unit)} of ${limitWords(limit, decimalsOf(record as Score, unit), unit)}`}</b></span>)}
+      {all.map(({ requirement, target, value, limit, unit, status, headline, words }) => <span key={requirement} title={`${headline} of ${words}`}>{`${requirement}, ${target}: `}<em>{`${headline} of ${words} `}</em><strong class={`status ${status}`}>{`${told(value, decimalsOf(record as Score, unit), unit)} of ${limitWords(limit, decimalsOf(record as Score, unit), unit)}`}</strong>{" "}</span>)}
     </summary></details>
   );
 }
