@@ -4,6 +4,7 @@ import { computed, signal } from "@preact/signals";
 import { pathOf, placeInWords } from "../api";
 import { confirming, listAssumed } from "../assumed";
 import { design, edit, settled, shownPointer, valueAt } from "../state";
+import { Table } from "./Words";
 
 const assumed = computed(() => listAssumed(settled.value));
 export const wanted = signal(false); // the list is to be shown
@@ -25,23 +26,18 @@ export function Assumed() {
   return (
     <div class="assumed">
       <p class="note">Nobody stated these values; the verdict holds as far as they do. A change takes a value off the list, and so does a word that it is so.</p>
-      <div class="scroll">
-        <table>
-          <thead><tr><th>Value</th><th class="number">As assumed</th><th /></tr></thead>
-          <tbody>
-            {assumed.value.map((pointer) => {
-              const words = placeInWords(design.value, pointer);
-              return (
-                <tr key={pointer}>
-                  <th><button type="button" class="small quiet link" title={pointer} aria-label={`Show ${words} in the text`} onClick={() => (shownPointer.value = pointer)}>{words}</button></th>
-                  <td class="number">{shown(valueAt(settled.value, pathOf(pointer)))}</td>
-                  <td><button type="button" class="small" aria-label={`It is so: ${words}`} onClick={() => edit(confirming(settled.value, pointer), `State ${words}`)}>It is so</button></td>
-                </tr>
-              );
-            })}
-          </tbody>
-        </table>
-      </div>
+      <Table name="Values that nobody stated" head={<><th>Value</th><th class="number">As assumed</th><th><span class="hidden">State it</span></th></>}>
+        {assumed.value.map((pointer) => {
+          const words = placeInWords(design.value, pointer);
+          return (
+            <tr key={pointer}>
+              <th><button type="button" class="small quiet link" title={pointer} aria-label={`Show ${words} in the text`} onClick={() => (shownPointer.value = pointer)}>{words}</button></th>
+              <td class="number">{shown(valueAt(settled.value, pathOf(pointer)))}</td>
+              <td><button type="button" class="small" aria-label={`It is so: ${words}`} onClick={() => edit(confirming(settled.value, pointer), `State ${words}`)}>It is so</button></td>
+            </tr>
+          );
+        })}
+      </Table>
     </div>
   );
 }

@@ -399,19 +399,14 @@ function Kept({ of }: { of: Sample }) {
         <button type="button" class="small" disabled={!rows.length} onClick={() => copy(csv(), `${rows.length} designs copied as CSV.`)}>Copy as CSV</button>
         <button type="button" class="small" disabled={!rows.length} onClick={() => save(new Blob([csv()], { type: "text/csv" }), `${fileName()}.designs.csv`)}>Save as CSV</button>
       </p>
-      <div class="scroll" tabIndex={0} role="region" aria-label="Designs that are kept">
-        <table>
-          <thead><tr><th>Number</th>{of.columns.map((column) => (
-            <th key={column.key} class="number" aria-sort={by?.key === column.key ? (by.down ? "descending" : "ascending") : undefined}><button type="button" class="sort" onClick={() => (sortBy.value = { key: column.key, down: by?.key === column.key && !by.down })}>{named(column)}{by?.key === column.key ? (by.down ? " ▼" : " ▲") : ""}</button></th>
-          ))}</tr></thead>
-          <tbody>
-            {rows.slice(0, shown).map((row) => (
-              <tr key={row}><th scope="row"><button type="button" class="small" disabled={!fits.value} onClick={() => take(row)}>{`Take ${row + 1}`}</button></th>{of.columns.map(({ key, values }) => <td key={key} class="number">{brief(values[row])}</td>)}</tr>
-            ))}
-          </tbody>
-        </table>
-        {rows.length > shown && <p><button type="button" class="small" onClick={() => show(shown + 10 * PAGE)}>{`Show more of ${rows.length}`}</button></p>}
-      </div>
+      <Table name="Designs that are kept" head={<><th>Number</th>{of.columns.map((column) => (
+        <th key={column.key} class="number" aria-sort={by?.key === column.key ? (by.down ? "descending" : "ascending") : undefined}><button type="button" class="sort" onClick={() => (sortBy.value = { key: column.key, down: by?.key === column.key && !by.down })}>{named(column)}{by?.key === column.key ? (by.down ? " ▼" : " ▲") : ""}</button></th>
+      ))}</>}>
+        {rows.slice(0, shown).map((row) => (
+          <tr key={row}><th scope="row"><button type="button" class="small" disabled={!fits.value} onClick={() => take(row)}>{`Take ${row + 1}`}</button></th>{of.columns.map(({ key, values }) => <td key={key} class="number">{brief(values[row])}</td>)}</tr>
+        ))}
+      </Table>
+      {rows.length > shown && <p><button type="button" class="small" onClick={() => show(shown + 10 * PAGE)}>{`Show more of ${rows.length}`}</button></p>}
     </>
   );
 }
