@@ -257,7 +257,7 @@ def test_the_corridor_is_drawn_round_its_trajectory_with_fifty_ends_and_degrees_
     assert low <= out <= high
     checks = {check.requirement: check for check in record.verdict.checks if check.target != "entry"}
     position = f"{checks['position'].value:.2f} mm of 2.00 mm"
-    assert found["beside"] == [["position, tip", position], ["breach, entry to tip", "0.00 % of 1 %"]]
+    assert found["beside"] == [["position, tip: ", position], ["breach, entry to tip: ", "0.00 % of 1 %"]]
     assert f"{checks['angle'].value:.2f}°" in found["p95"]
     whole = [line for line in record.targets[0].contributors if line.drawn and line.component == "all"]
     for level in ("unit", "shot"):

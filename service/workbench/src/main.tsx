@@ -48,7 +48,6 @@ function Page() {
       <header>
         <h1><span class="product">tailstack</span> <span dir="auto" class="name">{name}</span></h1>
         <nav class="controls" aria-label="Page">
-          {!first.value && <a class="button" href="#start" title="examples, your own beads, or a file; this design stays">First page</a>}
           <OpenFile words="Open a file" />
         </nav>
       </header>

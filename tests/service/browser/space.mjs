@@ -101,7 +101,7 @@ scenarios.trajectory = async () => {
   const found = { begin: await numbers(figure.locator("circle.begin"), ["cx", "cy"]), end: await numbers(figure.locator("circle:not(.begin)"), ["cx", "cy"]), out: await figure.locator(".executed.out").count(), told: await figure.locator("figcaption").innerText() };
   found.rims = await figure.locator(".rim").evaluateAll((all) => all.map((one) => one.getAttribute("d").slice(1).split("L").map((at) => at.split(" ").map(Number))));
   found.planned = await page.locator("path.planned").count();
-  found.beside = await page.locator(".numbers .other").evaluateAll((all) => all.map((one) => [...one.children].map((part) => part.textContent)));
+  found.beside = await page.locator(".others span").evaluateAll((all) => all.map((one) => [one.firstChild.textContent, one.lastElementChild.textContent]));
   found.p95 = await page.locator(".numbers > div").first().innerText();
   found.blame = await page.locator(".blame").innerText();
   await faded(page);

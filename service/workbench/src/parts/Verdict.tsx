@@ -56,7 +56,7 @@ export function Verdict() {
         {reading && own && (
           <dl class={`numbers ${shade}`} data-testid="numbers" data-kind={reading.kind}>
             <div>
-              <dt><Term word={reading.headline === "P95" ? "P95" : "requirement"} quiet>{reading.headline}</Term>{` ${reading.of}`}</dt>
+              <dt title={`${reading.headline} ${reading.of}`}><Term word={reading.headline === "P95" ? "P95" : "requirement"} quiet>{reading.headline}</Term>{` ${reading.of}`}</dt>
               <dd>
                 {now && <span class="was">{`${mm(now.from, now.decimals)} → `}</span>}
                 <output id="p95" aria-live="off">{mm(reading.value, now?.decimals ?? d)}</output>{sign(unit)}
@@ -141,12 +141,13 @@ function Next() {
   return step && <button type="button" class="next" data-kind="estimate" onClick={takeAdvice}>{`Tighten ${step.words} → ${mm(step.found, advised.value!.digits)} ${advised.value!.unit} by estimate${step.passes ? ", pass" : ""}`}</button>;
 }
 
-/** Back and on again: the last states, undo and redo. */
+/** Back and on again: to the first page, the last states, undo and redo. */
 export function History() {
   const undoes = canUndo.value ? `Undo: ${steps.value[position.value].what}` : "Undo", redoes = canRedo.value ? `Redo: ${steps.value[position.value + 1].what}` : "Redo";
   return (
     <div class="history" role="group" aria-label="History">
       <Trail />
+      <a class="button" href="#start" title="examples, your own beads, or a file; this design stays">First page</a>
       <button type="button" aria-label={undoes} disabled={!canUndo.value} onClick={undo} title={`${undoes} (Ctrl+Z)`}>Undo</button>
       <button type="button" aria-label={redoes} disabled={!canRedo.value} onClick={redo} title={`${redoes} (Ctrl+Shift+Z)`}>Redo</button>
     </div>
