@@ -11,7 +11,7 @@ from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
-from .tables import closing_sections, provenance_facts
+from .tables import closing_sections, of_design
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]
@@ -92,7 +92,6 @@ def layout_document(layout: Layout, sha256: str) -> Document:
     sentence = f"Outside the image: {', '.join(outside)}." if outside else "Every fiducial and target is in its images."
     return Document(
         kind="Layout",
-        title=made.design_name,
         tone="neutral",
         status="layout",
         sentence=sentence,
@@ -111,8 +110,7 @@ def layout_document(layout: Layout, sha256: str) -> Document:
                 Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
             ),
         ),
-        provenance=provenance_facts(made, sha256, layout.schema),
-        made=made,
+        **of_design(layout, sha256),
         question="Where everything is imaged: without noise, as the structure sits with its known bias.",
         method="pinhole images",
         opening=(sentence,),
