@@ -108,7 +108,6 @@ class ChainPlan:
     system: System
     tables: Tables
     blocks: tuple[DeviateColumns, ...]
-    bounded: tuple[str, ...]  # "structure_connector.rz", ...
     vertex: tuple[float, ...]  # of the bounded sources, fractions of the half-width
     shots_per_unit: int
 
@@ -370,8 +369,7 @@ def compile_plan(
     if held is None and shots_per_unit > 1:
         held = Drawn.UNIT
     slots = _slots(system, held)
-    bounded = _name_bounded(slots)
-    values = _vertex_values(bounded, vertex)
+    values = _vertex_values(_name_bounded(slots), vertex)
     sources = _compile_sources(slots, values)
     blocks, starts = _lay_out(system, sources, held)
     views = len(system.views)
@@ -393,7 +391,7 @@ def compile_plan(
         screwed=sources.fixed[arm_slot(views)],
     )
     tables = Tables(*(frozen(table, table.dtype) for table in tables))
-    return ChainPlan(system, tables, blocks, bounded, values, shots_per_unit)
+    return ChainPlan(system, tables, blocks, values, shots_per_unit)
 
 
 def _noise_of(view: View) -> Array:
