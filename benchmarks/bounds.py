@@ -29,7 +29,7 @@ import numpy as np
 from tailstack import load_design, optimise
 from tailstack.design import Design, compile_design, design_to_data
 from tailstack.errors import TailstackError
-from tailstack.optimisation.cost_bound import bound_any_layout
+from tailstack.optimisation.cost_bound import bound_any_layout, cells_for
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import certify_layout, law_with, net_about, why_none
 from tailstack.optimisation.problem import PlacementProblem, present_choice
@@ -99,7 +99,8 @@ def measure(name: str, design: Design) -> Row:
     net_about.cache_clear()
     begun = process_time()
     told = certify_layout(problem, terms, here)
-    cheapest = bound_any_layout(problem, terms, here.half_width, found.cost_after, 0.0)
+    cells = cells_for(problem, found.certificate.starts)
+    cheapest = bound_any_layout(problem, terms, here.half_width, found.cost_after, 0.0, cells)
     spent = process_time() - begun
     if told.lower_bound_mm is None:
         return Row(name, reason=told.statement)

@@ -123,7 +123,9 @@ def test_no_half_widths_are_cheaper_and_the_cheapest_are_near(laws: tuple[Law, L
         dear = [replace(free, price=reciprocal()) for free in problem.half_widths[1:]]
         problem = replace(problem, half_widths=(problem.half_widths[0], *dear))
     allowed = allowed_of(problem)
-    bound = bound_allocation(problem, [allowed], present_choice(problem).half_width)
+    begin = present_choice(problem).half_width
+    bound = bound_allocation(problem, [allowed], begin).cost
+    early, is_early = bound_allocation(problem, [allowed], begin, most=4)
     found = minimize(
         lambda logs: np.log(problem.cost(np.exp(logs))),
         np.log(np.deg2rad([0.06, 0.06, 0.06])),
@@ -133,6 +135,8 @@ def test_no_half_widths_are_cheaper_and_the_cheapest_are_near(laws: tuple[Law, L
     )
     assert ratio_of(allowed, np.exp(found.x)) <= 1 + 1e-5
     assert 0.98 * np.exp(found.fun) <= bound <= np.exp(found.fun) * (1 + 1e-5)
+    assert early <= bound
+    assert is_early or early == bound
 
 
 def test_grades_are_enumerated_and_a_limit_out_of_reach_is_said() -> None:
@@ -143,7 +147,7 @@ def test_grades_are_enumerated_and_a_limit_out_of_reach_is_said() -> None:
     allowed, begin = allowed_of(problem), present_choice(problem).half_width
     every = [np.array(each) for each in product(*[[grade.half_width for grade in grades.grades]] * 3)]
     least = min(problem.cost(width) for width in every if ratio_of(allowed, width) <= 1)
-    assert bound_allocation(problem, [allowed], begin) == pytest.approx(least)
+    assert bound_allocation(problem, [allowed], begin).cost == pytest.approx(least)
     none = bound_any_layout(priced(MIXED[0], 0.01), every_terms(priced(MIXED[0], 0.01)), begin, 5.0, 0.0)
     assert none is not None
     assert none.lower_bound is None
@@ -170,6 +174,14 @@ def test_no_layout_with_half_widths_that_keep_the_limit_is_cheaper(laws: tuple[L
                 break
             choice = replace(choice, half_width=np.maximum(choice.half_width * 0.9, problem.lower))
     assert kept > 2
+
+
+def test_a_limit_that_nothing_comes_near_charges_nothing() -> None:
+    """closed_form: a chance of 1; the law's own quantile there is beyond what a lattice knows."""
+    problem = priced(MIXED[1], 80.0)
+    tangent = cost_bound._touch(allowed_of(problem), np.log(problem.lower))
+    assert not tangent.slope.any()
+    assert tangent.value == pytest.approx(-np.log(0.95), abs=1e-6)
 
 
 def test_withheld_with_the_reason() -> None:

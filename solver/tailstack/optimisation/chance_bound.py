@@ -31,6 +31,7 @@ ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of
 FIRST, LAST, RATIO = 1e-2, 4.0, 1.6  # t at the first radius by m, and at the last; from one to the next
 FAR, AWAY, LEAST = 10.0, 0.6, 0.02  # t by m, distance from 0 by the quantile, and g, up to where tangents touch
 TRIED = (1.0, 0.98, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4, 0.3)  # of what m adds to a slope
+MANY = 3_000  # terms: from so many on every second level is tried, from twice as many every third, so work is bounded
 LARGEST, MOST = 0.25, 2.0  # m, beyond which more proves no more; radius by the least quantile
 
 
@@ -58,6 +59,7 @@ def raise_quantile(
     away_mm = min(AWAY * least_mm, np.sqrt(FAR * m * np.linalg.eigvalsh(unit @ unit.T)[2]))
     if not tried or not (lattice := build(tried[0], frame._replace(away=np.full(3, away_mm)), ACCURACY, True)).volume:
         return least_mm
+    tried = tried[:: 1 + len(lattice.k) // MANY]
     error = ERROR + SLOPES * lattice.decade
     terms = np.stack([lattice.w * balls(r, lattice.t) for r in tried])
     t = FIRST * m * RATIO ** np.arange(np.ceil(np.log(LAST / (FIRST * m)) / np.log(RATIO)) + 1)

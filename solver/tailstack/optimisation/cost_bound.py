@@ -39,6 +39,7 @@ from scipy.optimize import brentq
 from ..design import Design
 from ..design.loading import locate_refusals
 from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most
 from ..system import Law
@@ -64,7 +65,8 @@ from .request import read_request
 from .search import LEADING, MANY_DEMANDS
 from .terms import DemandTerms, every_terms
 
-NEAR, MOST_CELLS = 0.01, 500  # of the cost of what keeps the limits with L; cells that are looked into
+NEAR = 0.01  # of the cost of what keeps the limits with L
+MOST_CELLS, LEAST_CELLS = 500, 80  # that are looked into; beside a search besides one for each start and variable
 COARSE = 1e-3  # of a quantile that only prunes
 FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
 SMALL = 0.03  # of what a relative change of all half-widths saves: one that saves less is held
@@ -72,6 +74,7 @@ PARTS = 48  # of a cell along each half-width, for its least cost
 SPREAD = 2.0 ** np.linspace(-2, 2, 9)  # prices that are tried, about the one of the slopes, and then between two
 ON_LIMIT, LEAST_CHANCE = 2e-3, 1e-9  # of a cell's diagonal; of a probability
 CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-6  # absolute, of a probability, and of a slope of its logarithm
+CERTAIN = 1e-6  # what a probability lacks to 1, of a limit that charges nothing
 ROUNDING = 1e-9  # relative, of the bound
 FORM = {Law.NORMAL: (2, 1), Law.UNIFORM: (1, 1), Law.TRIANGULAR: (1, 2)}  # (m, n)
 
@@ -112,12 +115,18 @@ class Tangent(NamedTuple):
 
 
 def bound_any_layout(
-    problem: PlacementProblem, terms: Sequence[DemandTerms], half_width: Array, cost: float, besides: float
+    problem: PlacementProblem,
+    terms: Sequence[DemandTerms],
+    half_width: Array,
+    cost: float,
+    besides: float,
+    most: int = MOST_CELLS,
 ) -> Relaxation | None:
     """What no layout within what was asked for undercuts, compared with a cost; the reason where that is not known;
     None where no cost is made least.
 
-    half_width (K,): where L is chosen and the search for the bound begins; besides: what so many fiducials cost.
+    half_width (K,): where L is chosen and the search for the bound begins; besides: what so many fiducials cost; most:
+    cells that are looked into, of which the bound found by then holds.
     """
     if problem.objective != "cost" or not problem.half_widths:
         return None
@@ -131,7 +140,7 @@ def bound_any_layout(
         if any(len(free.names) > 1 and not _is_bought(problem) for free in problem.half_widths):
             raise NoBound("a value of a drawing that is several scalars is chosen beside half-widths of any size")
         allowed = [_allow(problem, term, half_width) for term in _take_leading(problem, bounded, half_width)]
-        least = bound_allocation(problem, allowed, half_width)
+        least, is_cut = bound_allocation(problem, allowed, half_width, most)
     except NoBound as reason:
         return Relaxation("none", compared, None, None, f"No bound: {reason}.")
     names = dict.fromkeys(name for term in bounded for name in left_out(problem, term))
@@ -139,6 +148,8 @@ def bound_any_layout(
         names["the known bias"] = None
     names |= dict.fromkeys(term.demand.text for term in terms if term not in bounded)
     rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
+    if is_cut:
+        rest += f" The search for this bound ended with its budget of {most} cells; more might raise it."
     what = f"no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for, at these pivots "
     what += "and views, and no half-widths"
     if least == inf:
@@ -166,6 +177,13 @@ def bound_layouts(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation |
     besides = 0.0 if section.count is None else section.count.cost_per_fiducial * len(here.fiducials_mm)
     cost = problem.price_of(here) + besides
     return each, bound_any_layout(problem, terms, here.half_width, cost, besides)
+
+
+def cells_for(problem: PlacementProblem, starts: int) -> int:
+    """The budget of a bound of the cost beside a search from so many starts: what they evaluate grows with their number
+    and with what is free, and no clock is asked, so that one seed has one answer."""
+    variables = 3 * len(problem.places) + len(problem.half_widths)
+    return min(MOST_CELLS, LEAST_CELLS + starts * variables)
 
 
 def enough_for(problem: PlacementProblem, gap: float | None) -> float:
@@ -233,10 +251,19 @@ class Cell(NamedTuple):
         return (self.low, np.where(side, middle, self.high)), (np.where(side, middle, self.low), self.high)
 
 
-def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begin: Array) -> float:
-    """What no half-widths that keep the limits undercut; inf where none within their bounds keep them.
+class AllocationBound(NamedTuple):
+    """What no half-widths that keep the limits undercut; inf where none within their bounds keep them."""
 
-    begin (K,): half-widths about which the first tangents touch.  Raises NoBound.
+    cost: float
+    is_cut: bool = False  # whether its budget ended the search for it
+
+
+def bound_allocation(
+    problem: PlacementProblem, allowed: Sequence[Allowed], begin: Array, most: int = MOST_CELLS
+) -> AllocationBound:
+    """begin (K,): half-widths about which the first tangents touch; most: cells that are looked into.
+
+    Raises NoBound.
     """
 
     known: dict[bytes, float] = {}
@@ -250,12 +277,12 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
 
     low, high = np.log(problem.lower), np.log(problem.upper)
     if ratio(low, True) > 1:
-        return inf
+        return AllocationBound(inf)
     if _is_bought(problem):
         bought = choose_grades([free.price for free in problem.half_widths], lambda width: ratio(np.log(width), True))
-        return bought.bound.lower_bound or 0.0
+        return AllocationBound(bought.bound.lower_bound or 0.0)
     if ratio(high) <= 1:
-        return problem.cost(problem.upper)
+        return AllocationBound(problem.cost(problem.upper))
     acts, held, bends = (np.any([getattr(own, name) for own in allowed], axis=0) for name in ("acts", "held", "power"))
     low, best, near, made = np.where(acts, low, high), inf, np.log(begin), count()
     for _ in range(FIRST):
@@ -289,7 +316,7 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         return Cell(least, next(made), low, high, tangents)
 
     cells = [cell for cell in (look(low, high),) if cell]
-    while cells and cells[0].least < best * (1 - NEAR) and next(made) < MOST_CELLS:
+    while cells and cells[0].least < best * (1 - NEAR) and next(made) < most:
         cell = heappop(cells)
         wide = cell.high - cell.low
         falls = max([-own.slope.sum() for own in cell.tangents], default=0.0)
@@ -299,7 +326,8 @@ def bound_allocation(problem: PlacementProblem, allowed: Sequence[Allowed], begi
         for half in cell.halves(k):
             if (found := look(*half, cell)) is not None:
                 heappush(cells, found)
-    return min((best * (1 - NEAR), *(cell.least for cell in cells))) * (1 - ROUNDING)
+    least = min((best * (1 - NEAR), *(cell.least for cell in cells)))
+    return AllocationBound(least * (1 - ROUNDING), least < best * (1 - NEAR))
 
 
 def _on_limit(ratio: Callable[[Array], float], low: Array, high: Array, near: Array) -> Array:
@@ -333,7 +361,9 @@ def _touch(each: Allowed, logs: Array) -> Tangent:
     """The bound that touches at half-widths on the limit."""
     law = evaluation_of(law_with(each.term, np.exp(logs), each.images), 0.5)
     chance = law.probability(each.limit_mm)
-    found = law.quantile(min(max(chance, LEAST_CHANCE), 1 - LEAST_CHANCE))
+    if chance > 1 - CERTAIN:  # no half-width takes from it, and no lattice may know its slopes
+        return Tangent(logs, log((1 + CDF_ERROR) / each.level), np.zeros(len(logs)))
+    found = law.quantile(max(chance, LEAST_CHANCE))
     by, columns = law.gradient([(found, 1.0)]), columns_with(each.term, np.exp(logs))
     place, slope = np.cumsum(columns.wide) - 1, np.zeros(len(logs))
     for j, source in enumerate(each.term.sources):
@@ -353,36 +383,53 @@ def _least_cost(
     limits charge is concave, and so least at an end.
     """
     edges = np.linspace(low, high, PARTS + 1, axis=1)
-    middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, (high - low)[:, None] / PARTS / 2
-    at_end = np.array([_cost(free.price, own) for free, own in zip(problem.half_widths, edges[:, 1:], strict=True)])
-    starts, ends = at_end.copy(), at_end.copy()
-    pull = _pull(problem, tangents[0].at).sum()
-    for k, free in enumerate(problem.half_widths):
-        price = free.price
-        if price.curve == "power":
-            value = _cost(price, middle[k])
-            starts[k], ends[k] = value * (1 + price.exponent * step[k]), value * (1 - price.exponent * step[k])
-    charges = np.stack([_charge(each, tangent, edges) for each, tangent in zip(allowed, tangents, strict=True)])
+    step = (high - low)[:, None] / PARTS / 2
+    cost = np.array([_cost(free.price, own) for free, own in zip(problem.half_widths, edges, strict=True)])
+    exponent = [free.price.exponent * (free.price.curve == "power") for free in problem.half_widths]
+    falls = step * np.array(exponent)[:, None]
+    at_end = cost[:, 1:]
+    middle = np.where(falls > 0, np.sqrt(cost[:, :-1] * at_end), at_end)
+    sides = np.stack([middle * (1 + falls), middle * (1 - falls), at_end])
+    charges = np.array([_charge(*each, edges) for each in zip(allowed, tangents, strict=True)], order="C")
     values = np.array([tangent.value for tangent in tangents])
+    scales = np.array([-tangent.slope.sum() for tangent in tangents])
+    scales = _pull(problem, tangents[0].at).sum() / np.maximum(scales, LEAST_CHANCE)
+    return float(raise_prices(sides, charges, values, scales, SPREAD))
 
-    def dual(multipliers: Array) -> Array:
-        """(C,) the bounds of multipliers (C, T)."""
-        charge = np.einsum("ct,tke->cke", multipliers, charges)
-        parts = np.maximum(
-            np.minimum(starts + charge[:, :, :-1], ends + charge[:, :, 1:]),
-            at_end + np.minimum(charge[:, :, :-1], charge[:, :, 1:]),
-        )
-        return np.asarray(parts.min(axis=2).sum(axis=1) - multipliers @ values)
 
-    best = np.zeros(len(allowed))
-    for _ in range(1 if len(allowed) == 1 else 2):
-        for t, tangent in enumerate(tangents):
-            scale = pull / max(-tangent.slope.sum(), LEAST_CHANCE)
-            for finer in (1.0, 1 / 4, 1 / 16):
-                tried = np.repeat(best[None], len(SPREAD) + 1, axis=0)
-                tried[1:, t] = (best[t] or scale) * SPREAD**finer
-                best = tried[int(dual(tried).argmax())]
-    return float(dual(best[None])[0])
+@kernel(nogil=True)
+def raise_prices(sides: Array, charges: Array, values: Array, scales: Array, spread: Array) -> float:
+    """The best bound of prices of limits, each tried about its scale (T,), and then between two.
+
+    sides (3, K, E): what the price in each part of a half-width's range is above, with what the limits charge (T, K,
+    E + 1) per price at its lower end, its upper end, or the less of the two; values (T,) of tangents.
+    """
+    prices, tried, best = np.zeros(len(values)), np.zeros(len(values)), -inf
+    charged = np.empty(charges.shape[2])
+    for turn in range(1 if len(values) == 1 else 2):
+        for t in range(len(values)):
+            for finer in range(3):
+                middle = prices[t] if prices[t] > 0.0 else scales[t]
+                for k in range(-1, len(spread)):
+                    tried[:] = prices
+                    if k >= 0:
+                        tried[t] = middle * spread[k] ** (0.25**finer)
+                    elif turn or t or finer:
+                        continue
+                    total = -(tried * values).sum()
+                    for j in range(sides.shape[1]):
+                        charged[:] = 0.0
+                        for i in range(len(values)):
+                            charged += tried[i] * charges[i, j]
+                        least = inf
+                        for e in range(sides.shape[2]):
+                            low, high = charged[e], charged[e + 1]
+                            part = min(sides[0, j, e] + low, sides[1, j, e] + high)
+                            least = min(least, max(part, sides[2, j, e] + min(low, high)))
+                        total += least
+                    if total > best:
+                        best, prices[t] = total, tried[t]
+    return best
 
 
 def _cost(price: Price, logs: Array) -> Array:

@@ -645,7 +645,7 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
     for _ in range(2 * ROUNDS):
         for _ in range(UPDATES if len(layouts) > 1 else 1):
             z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
-            each = np.einsum("kd,sde,ke->s", z, layouts, z, optimize=True)
+            each = layouts.reshape(len(layouts), -1) @ (z.T @ z).ravel()
             weights = weights * each / (weights @ each)
         z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
         added, known = base.copy(), float((z @ base * z).sum())

@@ -27,7 +27,7 @@ from ..results.digits import at_least, percent_change
 from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
-from .cost_bound import bound_any_layout
+from .cost_bound import bound_any_layout, cells_for
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
 from .global_bound import certify_layout
@@ -102,7 +102,14 @@ def report(
             gap=task.gap,
             verification=verified.verification,
             global_bound=certify_layout(problem, search.terms, replace(optimum.choice, half_width=now.half_width)),
-            cheapest=bound_any_layout(problem, search.terms, now.half_width, cost_after, fiducials_cost),
+            cheapest=bound_any_layout(
+                problem,
+                search.terms,
+                now.half_width,
+                cost_after,
+                fiducials_cost,
+                cells_for(problem, search.starts),
+            ),
         ),
         shadow_prices=_shadow_prices(verified),
         binding=()
