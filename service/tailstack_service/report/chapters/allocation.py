@@ -7,7 +7,7 @@ from tailstack.results.digits import at_least, at_most, percent
 from tailstack.results.optimisation import changes_table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Listing, Paragraph, Section
-from .tables import closing_sections, of_design
+from .tables import closing_sections, provenance_facts
 
 
 def allocation_document(allocation: Allocation, sha256: str) -> Document:
@@ -29,6 +29,7 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
     matters = (f"A lower limit can be kept down to {least}: {held}.",) if kept else ()
     return Document(
         kind="Allocation",
+        title=made.design_name,
         tone="pass" if kept else "fail",
         status=allocation.status,
         sentence=sentence,
@@ -47,7 +48,8 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
                 Paragraph("With the design of the hash named above."),
             ),
         ),
-        **of_design(allocation, sha256),
+        provenance=provenance_facts(made, sha256, allocation.schema),
+        made=made,
         question="The cheapest half-widths within the limits, layout and views as they are; by estimate.",
         method="first order with the exact law",
         opening=(sentence, *matters),

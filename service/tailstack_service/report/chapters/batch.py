@@ -9,7 +9,7 @@ from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
-from .tables import closing_sections, of_design
+from .tables import closing_sections, provenance_facts
 
 SHOWN = 40  # rows in a terminal
 
@@ -32,6 +32,7 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
     how = f"Rows were computed {ways}" + (f": {record.why}." if record.why else ".")
     return Document(
         kind="Table of designs",
+        title=record.provenance.design_name,
         tone="neutral",
         status="table",
         sentence=sentence,
@@ -49,7 +50,8 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
             Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
             *closing_sections(record.provenance),
         ),
-        **of_design(record, sha256),
+        provenance=provenance_facts(record.provenance, sha256, record.schema),
+        made=record.provenance,
         question=f"{record.rows:,} designs of a table, each estimated.",
         method="first order",
     )

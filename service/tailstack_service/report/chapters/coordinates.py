@@ -11,7 +11,7 @@ from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
-from .tables import closing_sections, of_design
+from .tables import closing_sections, provenance_facts
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]
@@ -92,6 +92,7 @@ def layout_document(layout: Layout, sha256: str) -> Document:
     sentence = f"Outside the image: {', '.join(outside)}." if outside else "Every fiducial and target is in its images."
     return Document(
         kind="Layout",
+        title=made.design_name,
         tone="neutral",
         status="layout",
         sentence=sentence,
@@ -110,7 +111,8 @@ def layout_document(layout: Layout, sha256: str) -> Document:
                 Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
             ),
         ),
-        **of_design(layout, sha256),
+        provenance=provenance_facts(made, sha256, layout.schema),
+        made=made,
         question="Where everything is imaged: without noise, as the structure sits with its known bias.",
         method="pinhole images",
         opening=(sentence,),

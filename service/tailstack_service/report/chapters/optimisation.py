@@ -44,7 +44,7 @@ from ...rendering.blocks import (
 from ...rendering.sentences import decision_sentence, ending_of
 from ...rendering.tables import csv_text, plain_text, spell_count
 from .layout import Known, layout_blocks, score_if_determined
-from .tables import closing_sections, of_design, verdict_blocks
+from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
 
 MOST_BINDING = 3  # said on the first page
@@ -76,6 +76,7 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
     )
     return Document(
         kind="Optimised design",
+        title=optimisation.provenance.design_name,
         tone=tone_of(optimisation.verdict_status),
         status=optimisation.status if optimisation.verdict_status == "pass" else optimisation.verdict_status,
         sentence=optimised_sentence(optimisation),
@@ -114,7 +115,8 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
                 )
             ),
         ),
-        **of_design(optimisation, sha256, "new design"),
+        provenance=provenance_facts(optimisation.provenance, sha256, optimisation.schema, "new design"),
+        made=optimisation.provenance,
         question=f"{optimisation.as_it_stood} Optimised: {optimisation.objective}.".lstrip(),
         method="first order with the exact law",
         opening=(decision_sentence(check.verdict, optimisation.not_asked), *others_sentences(optimisation)),

@@ -68,7 +68,7 @@ from ..dots import dots_blocks
 from ..headline import headline_of
 from ..live_budget import live_budget
 from ..records import Allowance, Headline
-from .tables import budget_with_slack, closing_sections, of_design, verdict_blocks
+from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
 LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
@@ -85,6 +85,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
     chosen = score.worst_target if target is None else next(each for each in score.targets if each.name == target)
     return Document(
         kind="Estimated error",
+        title=score.provenance.design_name,
         tone=tone_of(headline.status),
         status=headline.status,
         sentence=headline.sentence,
@@ -108,7 +109,8 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
                 Paragraph("With the design of the hash named above."),
             ),
         ),
-        **of_design(score, sha256),
+        provenance=provenance_facts(score.provenance, sha256, score.schema),
+        made=score.provenance,
         question="Estimate of the error; `tailstack verify` checks it by simulation.",
         method="first order",
         opening=(decision_sentence(score.verdict) or headline.sentence, *_margin(score)),

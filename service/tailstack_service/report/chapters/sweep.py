@@ -13,7 +13,7 @@ from ...problems import RequestError
 from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ...rendering.tables import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
-from .tables import closing_sections, of_design
+from .tables import closing_sections, provenance_facts
 
 EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
@@ -38,6 +38,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     axes = ", ".join(f"{axis.label} ({len(axis.values)} values)" for axis in sweep.axes)
     return Document(
         kind="Sweep",
+        title=sweep.provenance.design_name,
         tone="neutral",
         status="sweep",
         sentence=sentence,
@@ -58,7 +59,8 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
             *closing_sections(sweep.provenance, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
         ),
-        **of_design(sweep, sha256),
+        provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
+        made=sweep.provenance,
         question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
         method="first order" if scored else "Monte Carlo",
         opening=(" ".join((sentence, *verdict_sentences)),),

@@ -70,12 +70,6 @@ def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: st
     )
 
 
-def of_design(record: Any, sha256: str, which: str = "design") -> dict[str, Any]:
-    """What the document of a record about one design says of it: its name, and what its numbers come from."""
-    made = record.provenance
-    return {"title": made.design_name, "provenance": provenance_facts(made, sha256, record.schema, which), "made": made}
-
-
 def closing_sections(
     provenance: Provenance | GateProvenance, *reproduction: Block, design: dict[str, Any] | None = None
 ) -> tuple[Section, ...]:

@@ -29,7 +29,7 @@ from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers, measures_blocks
-from .tables import closing_sections, of_design, verdict_blocks
+from .tables import closing_sections, provenance_facts, verdict_blocks
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
@@ -50,6 +50,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
     ]
     return Document(
         kind="Monte Carlo check",
+        title=check.provenance.design_name,
         tone=tone_of(check.verdict.status),
         status=check.verdict.status,
         sentence=headline.sentence,
@@ -70,7 +71,8 @@ def verification_document(check: Verification, sha256: str) -> Document:
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
             *closing_sections(check.provenance, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")),
         ),
-        **of_design(check, sha256),
+        provenance=provenance_facts(check.provenance, sha256, check.schema),
+        made=check.provenance,
         question=f"Monte Carlo simulation of {check.trials:,} shots, each with its own installation and image noise.",
         method=check.method,
         opening=(decision_sentence(check.verdict) or headline.sentence,),

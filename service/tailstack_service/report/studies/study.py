@@ -9,7 +9,7 @@ from tailstack.results import Provenance
 from tailstack.results.tables import IN_DETAIL
 
 from ...rendering.blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
-from ..chapters.tables import closing_sections, of_design
+from ..chapters.tables import closing_sections, provenance_facts
 
 REPRODUCTION = (
     "design.yaml is the design of the hash named on the first page; the record of a study does not hold it. The same "
@@ -31,6 +31,7 @@ def compose_study(
     made: Provenance = study.provenance
     return Document(
         kind=f"Study: {kind}",
+        title=made.design_name,
         tone=tone,
         status=status,
         sentence=sentences[0],
@@ -43,7 +44,8 @@ def compose_study(
             Section("Method and assumptions", tuple(about), on=IN_DETAIL, reader="auditor"),
             *closing_sections(made, Listing(command), Paragraph(REPRODUCTION)),
         ),
-        **of_design(study, sha256),
+        provenance=provenance_facts(made, sha256, study.schema),
+        made=made,
         question=question,
         method=method,
         ending=ending,
