@@ -774,4 +774,9 @@ class Symmetry(Record):
     rotation: Turn | None = None
     """Groups turned about an axis."""
 
-    model_config, _one = exactly_one("mirror", "rotation")
+    @model_validator(mode="after")
+    def _one(self) -> Symmetry:
+        if (self.mirror is None) == (self.rotation is None):
+            given = "both" if self.mirror is not None else "neither"
+            raise refusal("one-of", f"give exactly one of mirror and rotation; {given} arrived")
+        return self
