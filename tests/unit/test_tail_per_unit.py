@@ -13,6 +13,7 @@ from tailstack.laws import SUMS, Law
 from tailstack.tail import per_unit
 from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 from tailstack.tail.gaussian import norm_quantile
+from tailstack.tail.pairs import sample_pair
 from tailstack.tail.per_unit import (
     average_at,
     distance_at,
@@ -313,3 +314,12 @@ def test_slopes_are_those_of_the_value(gaussian):
     assert (by_shot * turn).sum() == pytest.approx(along(1e-5, shot=turn), rel=2e-2, abs=3e-4)
     for column, one in enumerate(np.eye(4)):
         assert by.by_log_column[column] == pytest.approx(along(1e-4, columns=one), rel=2e-2, abs=3e-4)
+
+
+@pytest.mark.parametrize("guess_mm", [-1.0, 0.0, 0.3, 5.0])
+def test_two_vectors_are_solved_wherever_they_are_looked_for(guess_mm: float) -> None:
+    """independent: 0 is known where all directions have room; where one component alone has none, it is normal."""
+    rays = sample_pair(0.01 * np.eye(6), np.zeros((6, 0)), np.zeros(0, dtype=np.int64), 8)
+    for room, expected in ((np.full(6, 0.5), 0.0), (np.array([0, 5, 5, 5, 5, 5.0]), 0.1 * stats.norm.ppf(0.75))):
+        (found,) = rays.quantiles(np.zeros((1, 6)), 0.5, room, np.array([guess_mm]))
+        assert found == pytest.approx(expected, rel=0.03)

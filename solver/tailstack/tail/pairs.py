@@ -203,12 +203,13 @@ def share_within(mean: Array, r: float, room: Array, start: Array, gain: Array, 
 
 @kernel(nogil=True)
 def solve_rays(means: Array, p: float, room: Array, guess: Array, start: Array, gain: Array, degrees: int) -> Array:
-    """:meth:`PairSample.quantiles`, by the Illinois method from a bracket that grows until it holds the radius."""
+    """:meth:`PairSample.quantiles`, by the Illinois method from a bracket that grows until it holds the radius; 0 where
+    even that holds more than p."""
     found = np.empty(guess.size)
     for m in range(guess.size):
         mean = means[m]
-        low = high = guess[m]
-        f_low = f_high = share_within(mean, guess[m], room, start, gain, degrees) - p
+        low = high = max(guess[m], SMALLEST_MM)
+        f_low = f_high = share_within(mean, low, room, start, gain, degrees) - p
         factor = 1.0
         while f_high < 0.0:
             low, f_low = high, f_high
@@ -220,6 +221,9 @@ def solve_rays(means: Array, p: float, room: Array, guess: Array, start: Array, 
             factor *= 2.0
             low *= max(1.0 - ABOUT * factor, 0.0)
             f_low = share_within(mean, low, room, start, gain, degrees) - p
+        if f_low > 0.0:
+            found[m] = 0.0
+            continue
         r = high
         for _ in range(STEPS):
             if not (high - low > SOLVED * high and f_high > f_low):

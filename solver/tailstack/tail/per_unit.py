@@ -51,7 +51,7 @@ from ..laws import shape_deviates
 from .approximation import pearson_square
 from .declared import LawGradient, LawQuantile, LinearLaw, OneSidedLaw, law_cdf, law_gradient, law_quantile
 from .gaussian import norm_gradient_jit, norm_quantile_jit, norm_quantiles, probability_iv
-from .pairs import SMALLEST_MM, PairSample, lengths_of, mean_and_error, sample_pair
+from .pairs import PairSample, lengths_of, mean_and_error, sample_pair
 
 BLOCKS = 16
 CORRECTED = 12  # units whose declared law is solved where a shot has bounded columns
@@ -190,7 +190,7 @@ def _solve_pairs(p: float, offset: Array, shot: LinearLaw) -> Array:
     for rows in (slice(0, 3), slice(3, 6)):
         own, covariance = offset[:, rows], shot.total_covariance[rows, rows]
         alone.append(_pearson_quantiles(p, own, np.linalg.norm(own, axis=1), covariance) - room[rows][:2].min())
-    return rays.quantiles(offset, p, room, np.maximum(np.max(alone, axis=0), SMALLEST_MM))
+    return rays.quantiles(offset, p, room, np.max(alone, axis=0))
 
 
 def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple[Array, Array]:
