@@ -1,20 +1,19 @@
 """Requests that no design can meet, found before anything is solved, with the field at fault.
 
-Among them are regions that have no room for their fiducials, shown without solving: each test refuses only what is
-impossible."""
+Among them are regions that no image shows.  Whether the rules of a layout leave its fiducials room is asked of the
+solver, which says by how much they do not."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain, combinations, islice
-from math import log, pi, sqrt
+from math import log
 
 import numpy as np
 from scipy.optimize import linprog
 
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array
-from ..geometry.camera import image_of
 from ..geometry.naming import direction_name
 from ..measures import MEASURE
 from ..results.digits import at_least, at_most
@@ -28,27 +27,13 @@ from .problem import (
     in_words,
     present_choice,
 )
-from .regions import (
-    Ball,
-    BoxRegion,
-    Cylinder,
-    Shape,
-    bounding_box,
-    clear_of,
-    corners,
-    diameter_mm,
-    distinct,
-)
-from .surface import NearSurface
+from .regions import bounding_box, corners, distinct
 
 ROOM = 1e-3  # relative: above the least possible cost, for a search to have an inside
 LEAST_COST = 1e-290  # of a half-width: less loses its digits
 FLAT = 1e-6  # thickness over width of a region that is a plane
 MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
-INSIDE_MM = 1e-6  # positions this far outside count as inside
-DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
-DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
@@ -233,11 +218,7 @@ def refuse_regions(problem: PlacementProblem) -> Iterator[Problem]:
     regions, which = distinct(place.region for place in problem.places)
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
-        yield from islice(chain.from_iterable(check(problem, place) for check in _OF_REGIONS), 1)
-
-
-def _word(region: Shape) -> str:
-    return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball", NearSurface: "layer"}[type(region)]
+        yield from islice(chain(_behind(problem, place), _field(problem, place)), 1)
 
 
 def _behind(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
@@ -246,10 +227,7 @@ def _behind(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         depth = float((reach @ projection[2, :3] + projection[2, 3]).min())
         if depth <= 0:
-            detail = (
-                f"the bounding box of the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view "
-                f"{view.name}"
-            )
+            detail = f"the bounding box of the region reaches {-depth:.4g} mm behind the source of view {view.name}"
             yield Problem(place.pointer, "behind-source", detail, "make it smaller, or move the source back")
 
 
@@ -268,100 +246,14 @@ def _image_rows(problem: PlacementProblem, view: View, v: int) -> tuple[Array, A
 
 
 def _field(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
-    """Whether any point of the bounding box lies in every image; the views one by one first."""
+    """Whether any point of the bounding box lies in every image, by linear programming; the views one by one first."""
     sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
-    parts = [_image_rows(problem, view, v) for v, view in sized]
-    for (_, view), (rows, limits) in zip(sized, parts, strict=True):
-        if not _meets(place.region, rows, limits):
-            yield _outside(problem, place, f"the image of view {view.name}")
-    if parts and not _meets(place.region, np.vstack([a for a, _ in parts]), np.concatenate([b for _, b in parts])):
-        yield _outside(problem, place, "the images of all views at once")
-
-
-def _meets(region: Shape, rows: Array, limits: Array) -> bool:
-    """Whether a point of the region's bounding box meets ``rows @ x <= limits``, by linear programming."""
-    answer = linprog(np.zeros(3), A_ub=rows, b_ub=limits, bounds=bounding_box(region).T, method="highs")
-    return bool(answer.status != 2)
-
-
-def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Problem:
-    word = _word(place.region)
-    detail = f"no point of the {word} is inside {where} with a margin of {problem.image_margin_px:g} px"
-    return Problem(place.pointer, "outside-view", detail, f"move the {word}, or reduce image_margin_px")
-
-
-def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
-    """Whether no corner of the bounding box is clear of a zone, which then holds all of it: it is convex, or not asked
-    about."""
-    for zone in problem.keep_out:
-        hollow = not isinstance(zone.shape, BoxRegion) and zone.shape.inner_radius_mm > zone.clearance_mm
-        if not hollow and not clear_of(zone, corners(bounding_box(place.region))).any():
-            gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
-            detail = f"the whole {_word(place.region)} lies inside the keep-out zone {zone.name!r}{gap}"
-            hint = f"make the zone ({zone.pointer}) smaller, or the region larger"
-            yield Problem(place.pointer, "kept-out", detail, hint)
-
-
-def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
-    """Whether any point of the bounding box has all its copies there too."""
-    if not problem.symmetry:
-        return
-    low, high = bounding_box(place.region)
-    rows = np.vstack([sign * isometry.rotation for isometry in problem.symmetry for sign in (1, -1)])
-    limits = np.concatenate(
-        [
-            bound
-            for isometry in problem.symmetry
-            for bound in (high - isometry.shift_mm + INSIDE_MM, isometry.shift_mm - low + INSIDE_MM)
-        ]
-    )
-    if _meets(place.region, rows, limits):
-        return
-    word = _word(place.region)
-    detail = f"no point of the {word} has its copies under the symmetry in the {word} too"
-    hint = f"make the {word} symmetric itself, or move the plane or axis of the symmetry (/optimise/symmetry)"
-    yield Problem(place.pointer, "outside-symmetry", detail, hint)
-
-
-def _packing(problem: PlacementProblem, place: FreeFiducial) -> Iterator[Problem]:
-    """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
-    share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
-    region, word = place.region, _word(place.region)
-    _, which = distinct(other.region for other in (place, *problem.places))
-    count = sum(len(other.fiducials) for other, k in zip(problem.places, which[1:], strict=True) if k == 0)
-    if count < 2:
-        return
-    d = problem.min_spacing_mm
-    box = bounding_box(region)
-    if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
-        yield _refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)
-    assumed = problem.estimation.assume(corners(box))
-    d = problem.min_projected_spacing_px
-    for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
-        image = assumed @ projection[:, :3].T + projection[:, 3]
-        if image[:, 2].min() <= 0:
-            continue
-        image = image_of(image)
-        low, high = image.min(axis=0), image.max(axis=0)
-        if view.image_size_px is not None:
-            low = np.maximum(low, problem.image_margin_px)
-            high = np.minimum(high, np.array(view.image_size_px) - 1 - problem.image_margin_px)
-        size = np.maximum(high - low, 0.0)
-        if d > float(np.linalg.norm(size)) + 1e-6 or _too_many(count, d, size):
-            where = f"what view {view.name} sees of the {word} ({size[0]:.0f} x {size[1]:.0f} px)"
-            yield _refuse_crowd("/optimise/min_projected_spacing_px", count, f"{d:g} px", where, word)
-
-
-def _too_many(count: int, apart: float, sides: Array) -> bool:
-    """Whether points this far apart in a box or rectangle would be balls or discs denser than any packing."""
-    ball, densest = (pi / 6, DENSEST_SPHERES) if len(sides) == 3 else (pi / 4, DENSEST_DISCS)
-    return bool(count * ball * apart ** len(sides) > densest * float(np.prod(sides + apart)))
-
-
-def _refuse_crowd(pointer: str, count: int, apart: str, where: str, word: str) -> Problem:
-    detail = f"{count} free fiducials cannot be {apart} apart in {where}: no packing is that dense"
-    hint = f"reduce the spacing, the number of free fiducials, or enlarge the {word}"
-    return Problem(pointer, "does-not-fit", detail, hint)
-
-
-_OF_REGIONS = (_behind, _field, _refuse_kept_out, _asymmetric, _packing)
+    parts = {f"the image of view {view.name}": _image_rows(problem, view, v) for v, view in sized}
+    if parts:
+        every = [np.concatenate(each) for each in zip(*parts.values(), strict=True)]
+        parts["the images of all views at once"] = every[0], every[1]
+    for where, (rows, limits) in parts.items():
+        bounds = bounding_box(place.region).T
+        if linprog(np.zeros(3), A_ub=rows, b_ub=limits, bounds=bounds, method="highs").status == 2:
+            detail = f"no point of the region is inside {where} with a margin of {problem.image_margin_px:g} px"
+            yield Problem(place.pointer, "outside-view", detail, "move the region, or reduce image_margin_px")

@@ -172,6 +172,8 @@ def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError 
     if relaxed.are_kept:
         detail = "the rules of the layout can be met, but no start converged: no answer could be found"
         return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
+    most = max(relaxed.slack, key=relaxed.slack.__getitem__)
+    pointer = "/".join(("/optimise", *program.problem.distances.get(most, ())[:1]))
     named = []
     for kind, slack in relaxed.slack.items():
         if slack > SATISFIED:
@@ -179,7 +181,7 @@ def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError 
             named.append(f"{_in_its_unit(program.problem, kind, slack)} (worst: {worst})")
     detail = "no start met all rules of the layout at once; the smallest relaxation found: " + "; ".join(named)
     hint = "relax it as said, give the fiducials more room, or use fewer"
-    return InfeasibleError(Problem("/optimise", "layout-out-of-reach", detail, hint))
+    return InfeasibleError(Problem(pointer, "layout-out-of-reach", detail, hint))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
