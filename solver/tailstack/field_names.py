@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from math import cos, hypot, isclose, pi, sin, sqrt
+from math import isclose, pi, sqrt
 from operator import mul, neg
 from typing import Any, NamedTuple
 
@@ -371,29 +371,11 @@ def _rename_rotation(form: str, unit: Unit | None, value: Any, fields: Sequence[
         return Renaming(field, words, turned, form != "quaternion")
     if unit is None:
         return Renaming(field, f"{words}, once it is in degrees or radians")
+    from scipy.spatial.transform import Rotation  # late: few names are those of a rotation
+
     angles = [scale * entry for entry in (value if form != "ypr" else value[::-1])]
-    if form == "vector":
-        return Renaming(field, words, _round(_turn_about(angles, hypot(*angles))))
-    x, y, z = (_turn_about([float(axis == k) for axis in range(3)], angle) for k, angle in enumerate(angles))
-    return Renaming(field, words, _round(_follow(z, _follow(y, x))))
-
-
-def _turn_about(axis: Sequence[float], angle: float) -> list[float]:
-    """The quaternion, scalar first, of a turn (rad) about an axis of any length."""
-    length = hypot(*axis) or 1.0
-    return [cos(angle / 2), *(sin(angle / 2) * each / length for each in axis)]
-
-
-def _follow(second: Sequence[float], first: Sequence[float]) -> list[float]:
-    """The product of two quaternions, scalar first: the turn by ``first``, then that by ``second``."""
-    a, b, c, d = second
-    w, x, y, z = first
-    return [
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    ]
+    turn = Rotation.from_rotvec(angles) if form == "vector" else Rotation.from_euler("xyz", angles)  # about fixed axes
+    return Renaming(field, words, _round(turn.as_quat(scalar_first=True).tolist()))
 
 
 # --- the field that is meant ------------------------------------------------------------------------------
