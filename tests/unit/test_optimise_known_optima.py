@@ -31,7 +31,7 @@ from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, PlacementProblem
-from tailstack.optimisation.certificate import bound_cost, name_binding, price_bounds
+from tailstack.optimisation.certificate import bound_cost, name_binding
 from tailstack.optimisation.exact_law import closed_form_mm, evaluate_demand
 from tailstack.optimisation.grades import Optimum
 from tailstack.optimisation.placement import PlacementSolution
@@ -39,6 +39,7 @@ from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut
 from tailstack.optimisation.search import objective_for_people, search
+from tailstack.optimisation.shadow_prices import price_bounds
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.terms import ImageParts, image_parts_at, terms_of
 from tailstack.propagation.linear import linearise

@@ -393,7 +393,7 @@ def test_a_free_layout_is_searched_before_it_is_refused() -> None:
     layouts = [rng.uniform(BOX_MM[0], BOX_MM[1], (8, 3)) for _ in range(30)] + [np.array(cube_fiducials())]
     for layout in layouts:
         assert score_mm(problem, replace(_least(problem), fiducials_mm=layout))[0] > least
-    assert "moving the upper z face of /optimise/box out" in hint  # towards the target
+    assert "moving the upper z face of the box out" in hint  # towards the target
     within = replace(problem, requirements=(requirement(least * 1.01),))
     assert solve_placement(within, starts=2, seed=1, threads=1).worst_ratio <= 1
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import tailstack.optimisation.certificate as module
+import tailstack.optimisation.shadow_prices as module
 from optimise_scenes import (
     ORACLE,
     fixed_layout,
@@ -25,11 +25,12 @@ from optimise_scenes import (
 )
 from scenes import cube_fiducials
 from tailstack.optimisation import FreeHalfWidth, PlacementProblem
-from tailstack.optimisation.certificate import name_binding, price_bounds
+from tailstack.optimisation.certificate import name_binding
 from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.search import Search
+from tailstack.optimisation.shadow_prices import price_bounds
 from tailstack.optimisation.terms import terms_of
 from tailstack.system import Law
 

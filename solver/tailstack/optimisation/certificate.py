@@ -1,25 +1,22 @@
-"""What an optimum rests on: what binds, what one unit of each limit and bound costs, and how much cheaper anything else
-could be: a lower bound of the cost where one exists, and why none elsewhere."""
+"""What an optimum rests on: what binds, and how much cheaper anything else could be, by a lower bound of the cost where
+one exists, and why by none elsewhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from math import floor, inf, log10, radians
 
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
-from ..measures import MEASURE
-from ..results import Relaxation, ShadowPrice
+from ..results import Relaxation
 from ..results.digits import at_least, at_most
 from ..system import Law
 from .allocation import allocate, gaussian_bracket
 from .exact_law import error_moments, evaluate_demand, width_slopes
 from .grades import Optimum
 from .placement import PlacementSolution
-from .prices import cheapest, part_that_holds, slope_of
+from .prices import cheapest
 from .problem import (
     Choice,
     FreeHalfWidth,
@@ -28,7 +25,6 @@ from .problem import (
     in_words,
     label_of,
     present_choice,
-    unit_of,
 )
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
@@ -139,141 +135,6 @@ def _bounds_on_mechanics(program: Program, point: Point) -> list[str]:
                 bound = (free.high_mm if side > 0 else free.low_mm)[k]
                 texts.append(f"pivot of {label_of(problem, free.contributor)} at {'xyz'[k]} = {bound:g} mm")
     return texts
-
-
-Add = Callable[..., None]
-BETWEEN = 1e-6  # multiplier of a bound that does not press
-PRICED = 1e-2  # per cent of the objective for one step: smaller shadow prices only fill the page
-
-
-def price_bounds(
-    program: Program, point: Point, objective: float, whole: float | None = None
-) -> tuple[ShadowPrice, ...]:
-    """Derivatives of the objective (cost; or the quantile, where that is least) by every limit that binds.
-
-    By the envelope theorem ``d log f / d theta`` is the partial derivative of the Lagrangian of ``log f``: a limit L
-    enters as ``-2 log L`` with multiplier lambda, so its price is ``-2 lambda f / L``; a bound h of a
-    half-width through its logarithm, ``-mu f / h``; a spacing d as ``-2 / d`` where it binds; a face of the box at
-    distance ``half`` from the centre per scaled unit.  Where the quantile is least the programme minimises
-    ``s = 2 log``, so every price is half of that.
-    Percentages are of ``whole`` when something was bought besides (grades).
-    """
-    problem = program.problem
-    whole = objective if whole is None else whole
-    quantile_least = problem.objective == "quantile"
-    per = 0.5 if quantile_least else 1.0
-    what = "the error" if quantile_least else "cost"
-    prices: list[ShadowPrice] = []
-
-    def add(
-        name: str, unit: str, per_unit: float, phrase: str, room: float, step: float = 1.0, own: bool = False
-    ) -> None:
-        """``phrase`` has a place for the step, which counts units (of 0.01 deg, say); ``room``: of what it is a part,
-        without that factor."""
-        share, size = abs(per_unit) * step / whole, step * float(unit.rpartition(" ")[0] or 1)
-        if 100 * share > PRICED:
-            told = part_that_holds(share, size / room)
-            change = f"{100 * share * told:.3g} %"
-            effect = f"costs {change}" if own else f"{'saves' if per_unit < 0 else 'adds'} {change} of {what}"
-            words = phrase.replace("{step}", f"{size * told:g}")
-            prices.append(ShadowPrice(name, unit, float(per_unit), f"{words} {effect}"))
-
-    rows = point.row_multipliers
-    for requirement in problem.requirements:
-        pressed = sum(
-            float(rows[t]) for t, term in enumerate(program.terms) if term.demand.requirement.name == requirement.name
-        )
-        if not quantile_least:
-            limit, unit = requirement.limit, MEASURE[requirement.error].unit
-            step = 10.0 ** floor(log10(limit / 10))  # small enough for a derivative to mean something
-            name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
-            phrase = f"the {name} ({limit:g} {unit})" if " of " in name else f"the limit of {limit:g} {unit}"
-            add(name, unit, -2 * pressed * objective / limit, f"{{step}} {unit} more on {phrase}", limit, step)
-    for row, multiplier in zip(program.rows, rows, strict=True):
-        if row.kind == "cost" and problem.cost_limit is not None:
-            step = 10.0 ** floor(log10(problem.cost_limit / 10))
-            per_unit = -per * float(multiplier) / problem.cost_limit * objective
-            add("cost_limit", "cost", per_unit, "{step} more on the cost limit", problem.cost_limit, step)
-    _price_widths(program, point, objective * per, add)
-    _spacings(program, point, objective * per, add)
-    _ways(program, point, objective * per, add)
-    _places(program, point, objective * per, add)
-    _price_mechanics(program, point, objective * per, add)
-    return tuple(prices)
-
-
-def _price_widths(program: Program, point: Point, objective: float, add: Add) -> None:
-    problem = program.problem
-    if problem.objective == "scaling":
-        return
-    for k, free in enumerate(problem.half_widths):
-        multiplier = float(point.bound_multipliers[program.widths_at.start + k])
-        step, unit = (radians(0.01), "0.01 deg") if unit_of(problem, k) == "rad" else (0.01, "0.01 mm")
-        here, native = float(np.exp(point.x[program.widths_at.start + k])), unit.rpartition(" ")[2]
-        if problem.objective == "cost" and abs(multiplier) < BETWEEN:
-            own = slope_of(free.price, here) * step
-            words, room = in_words(problem, k), for_people(problem, k, here)[0]
-            add(f"{words} half-width", unit, own, f"{words} tighter by {{step}} {native}", room, own=True)
-        bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
-        add(
-            f"{in_words(problem, k)} {which} half-width",
-            unit,
-            -multiplier * objective / bound * step,
-            f"{{step}} {native} more on the {which} half-width of {in_words(problem, k)}",
-            for_people(problem, k, bound)[0],
-        )
-
-
-def _spacings(program: Program, point: Point, objective: float, add: Add) -> None:
-    problem, rows = program.problem, point.row_multipliers
-    for kind, (name, unit, size) in problem.distances.items():
-        total = sum(float(m) for m, row in zip(rows, program.rows, strict=True) if row.kind == kind)
-        if size > 0:
-            phrase = f"{{step}} {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}"
-            add(name, unit, total * -2 / size * objective, phrase, size)
-
-
-def _ways(program: Program, point: Point, objective: float, add: Add) -> None:
-    """How far fiducials may move, where that holds some back."""
-    if (stay := program.problem.stay) is None or stay.at_most_mm == inf:
-        return
-    total = sum(float(m) for m, row in zip(point.row_multipliers, program.rows, strict=True) if row.kind == "stay")
-    per_mm = total * 2 / stay.at_most_mm * objective
-    add("at_most_mm", "mm", per_mm, "moving by {step} mm more", stay.at_most_mm)
-
-
-def _places(program: Program, point: Point, objective: float, add: Add) -> None:
-    """Faces of the boxes, those of one region together."""
-    problem = program.problem
-    pressed: dict[tuple[str, int, str], float] = {}
-    rooms: dict[tuple[str, int, str], float] = {}
-    for g, place in enumerate(problem.places):
-        if not isinstance(place.region, BoxRegion):
-            continue
-        for k in range(3):
-            half = float(program.half[g, k])
-            multiplier = float(point.bound_multipliers[3 * g + k])
-            if half > 0 and multiplier:
-                key = (place.pointer, k, "upper" if multiplier > 0 else "lower")
-                pressed[key], rooms[key] = pressed.get(key, 0.0) + abs(multiplier) / half, 2 * half
-    several = len({place.pointer for place in problem.places}) > 1
-    for key, total in sorted(pressed.items()):
-        pointer, k, word = key
-        face = f"{word} {'xyz'[k]} face of the box" + (f" at {pointer}" if several else "")
-        add(face, "mm", -total * objective, f"moving the {face} out by {{step}} mm", rooms[key])
-
-
-def _price_mechanics(program: Program, point: Point, objective: float, add: Add) -> None:
-    problem = program.problem
-    for p, free in enumerate(problem.pivots):
-        for k in range(3):
-            half = float(program.half[len(program.movable) + p, k])
-            multiplier = float(point.bound_multipliers[program.pivots_at.start + 3 * p + k])
-            if half > 0 and multiplier:
-                word = "upper" if multiplier > 0 else "lower"
-                name = f"{word} {'xyz'[k]} bound of the pivot of {label_of(problem, free.contributor)}"
-                per_mm = -abs(multiplier) / half * objective
-                add(name, "mm", per_mm, f"moving the {name} out by {{step}} mm", 2 * half)
 
 
 def bound_cost(search: Search, optimum: Optimum, exact: PlacementSolution | None) -> Relaxation:

@@ -15,8 +15,8 @@ check                 Monte Carlo with a fresh seed, the aim tightened until it 
                       that is better and passes too (``tightening``, ``present``)
 front, moves          the same at other limits, where the fiducials stand, and with fewer moves (``front``,
                       ``moves``)
-record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
-                      ``certificate``, ``allocation``)
+record, certificate   what changed; what binds, the bound of the convex allocation, shadow prices (``reporting``,
+                      ``certificate``, ``allocation``, ``shadow_prices``)
 ====================  =========================================================================================
 """
 

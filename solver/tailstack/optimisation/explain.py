@@ -29,7 +29,6 @@ from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile, is_noise
 from .half_widths import share_out
 from .margin import aim_of, trials_for
-from .prices import part_that_holds
 from .problem import (
     Choice,
     PlacementProblem,
@@ -42,6 +41,7 @@ from .problem import (
     present_choice,
 )
 from .program import QUIET, ConstraintRow, Parameters, Point, Program
+from .shadow_prices import list_rules
 from .solver import make_solver
 from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, linearise_demand, scatter
 
@@ -141,30 +141,9 @@ def _factor(model: ErrorModel, demand: QuantileConstraint, contributors: set[str
 
 
 def _room(program: Program, point: Point) -> Iterator[str]:
-    """Which rule of the layout stands in the way most, from the multipliers of the smallest quantile."""
-    problem = program.problem
-    relief: dict[str, list[float]] = {}
-
-    def add(what: str, part: float, room: float) -> None:
-        relief[what] = [relief.get(what, [0.0])[0] + part, room]
-
-    for g, place in enumerate(problem.places):
-        for k in range(3):
-            half, multiplier = float(program.half[g, k]), float(point.bound_multipliers[3 * g + k])
-            if half > 0:
-                face = f"moving the {'upper' if multiplier > 0 else 'lower'} {'xyz'[k]} face of {place.pointer} out"
-                add(f"{face} by {{step}} mm", abs(multiplier) / half / 2, 2 * half)
-    for row, multiplier in zip(program.rows, point.row_multipliers, strict=True):
-        if row.kind in problem.distances:
-            field, unit, size = problem.distances[row.kind]
-            add(f"taking {{step}} {unit} off {field}", abs(float(multiplier)) / size, size)
-        elif row.kind == "stay" and problem.stay is not None:
-            most = problem.stay.at_most_mm
-            add("adding {step} mm to at_most_mm", abs(float(multiplier)) / most, most)
-    for what, (part, room) in sorted(relief.items(), key=lambda item: -item[1][0])[:2]:
-        step = part_that_holds(part, 1 / room)
-        if 100 * part > RELIEF:
-            yield f"{what.replace('{step}', f'{step:g}')} lowers it by {100 * part * step:.2g} %"
+    """Which rules of the layout stand in the way most, from the multipliers of the smallest quantile."""
+    rules = sorted(list_rules(program, point, 1 / 2), key=lambda rule: -abs(rule.per_unit))
+    return (rule.say_step(1.0, "it") for rule in rules[:2] if 100 * abs(rule.per_unit) > RELIEF)
 
 
 def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError | NotConvergedError:

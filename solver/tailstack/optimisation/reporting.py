@@ -26,7 +26,7 @@ from ..results import (
 from ..results.digits import at_least, percent_change
 from ..scoring import vector3
 from ..system import System
-from .certificate import bound_cost, name_binding, price_bounds
+from .certificate import bound_cost, name_binding
 from .cost_bound import bound_any_layout, cells_for
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
@@ -35,6 +35,7 @@ from .half_widths import list_changes
 from .present import present_design, price_as_written, say_outside
 from .problem import Choice, PlacementProblem, label_of, name_held, present_choice
 from .request import OptimiseRequest, read_request
+from .shadow_prices import price_bounds
 from .task import OptimisationTask
 from .terms import DemandTerms, pivot_shift_of, terms_of
 from .tightening import VerifiedOptimum
