@@ -60,9 +60,9 @@ NEAR_MISSES = [
     ("SHEET", at(30, 90, 40), body("sheet", radius=1.5)),
 ]
 REASONS = {
-    "DOWEL": "cylinder or cone with a spherical end", "SOCKET": "spherical pocket", "HALF": "half a ball",
-    "CUT": "flat face", "HOLLOW": "hollow", "VOID": "void", "ROUNDED": "rounded corner", "LENS": "several spheres",
-    "PEANUT": "several spheres", "SHEET": "surface, not a solid", "BIG": "diameter",
+    "DOWEL": "1 cylindrical", "SOCKET": "spherical pocket", "HALF": "1 plane",
+    "CUT": "1 plane", "HOLLOW": "hollow", "VOID": "void", "ROUNDED": "6 plane", "LENS": "1 spherical",
+    "PEANUT": "1 spherical", "SHEET": "surface, not a solid", "BIG": "diameter",
 }  # fmt: skip
 SEATS = [("REST1", at(0, 40, -95), body("cylinder", radius=3.0, height=5.0)),
          ("REST2", at(-35, -20, -95), body("cylinder", radius=3.0, height=5.0)),

@@ -135,7 +135,7 @@ class Shapes:
             if faces and all(face.surface.startswith(_FREE) or not face.surface for face in others) and not groups:
                 self._free_form.add(solid.number)
             for centre, size, own in groups.values():
-                reason = self._describe_flaw(centre, faces, own, others) or flaw or self._find_gap(centre, size, own)
+                reason = self._describe_flaw(faces, own) or flaw or self._find_gap(centre, size, own)
                 spheres.append(SphericalSurface(centre, size, reason))
         return spheres
 
@@ -165,34 +165,16 @@ class Shapes:
             raise file.refuse(geometry, "out-of-range", f"the radius of a sphere is positive; #{geometry} has {size:g}")
         return centre, size
 
-    def _describe_flaw(self, centre: Array, faces: list[_Face], own: list[_Face], others: list[_Face]) -> str:
+    def _describe_flaw(self, faces: list[_Face], own: list[_Face]) -> str:
         """What else the shell with a sphere consists of, in words; empty: nothing else."""
         if len(own) == len(faces):
             return ""
         # which side of a revolved circle is outside hangs on how its edges run: only of a stated sphere it is known
         if all(face.surface == "SPHERICAL_SURFACE" and not face.outward for face in own):
             return "it is a spherical pocket, such as a seat of a ball"
-        kinds = Counter(face.surface for face in others)
-        if not others:
-            return "the body is made of several spheres"
-        if set(kinds) == {"PLANE"} and len(own) + len(others) == len(faces):
-            if len(others) > 1:
-                return f"it is a ball with {len(others)} flat faces"
-            frame = self._surface_frame(others[0])
-            through = abs(float(frame[:3, 2] @ (centre - frame[:3, 3]))) < 1e-6
-            return "it is half a ball" if through else "it is a ball with a flat face"
-        round_faces = [face for face in others if face.surface in ("CYLINDRICAL_SURFACE", "CONICAL_SURFACE")]
-        frames = [self._surface_frame(face) for face in round_faces]
-        if frames and all(is_on_axis(frame, centre, frames[0][:3, 2]) for frame in frames):
-            return "it is a cylinder or cone with a spherical end"
-        return f"it is a rounded corner or other part of a body with {len(faces)} faces"
-
-    def _surface_frame(self, face: _Face) -> Array:
-        values = self.file.read(face.geometry, face.number).parts[face.surface]
-        if len(values) < 2:
-            detail = f"{face.surface} has its placement as second value; #{face.geometry} has {len(values)} values"
-            raise self.file.refuse(face.geometry, "wrong-count", detail)
-        return self.placement(values[1], face.geometry)
+        kinds = Counter(face.surface.removesuffix("_SURFACE") or "free-form" for face in faces if face not in own)
+        listed = ", ".join(f"{count} {kind.replace('_', ' ').lower()}" for kind, count in kinds.items())
+        return f"its body has faces beside those of a ball: {listed}"
 
     def _find_gap(self, centre: Array, radius: float, faces: list[_Face]) -> str:
         """Why faces of one sphere do not cover it, in words; empty: they do."""
