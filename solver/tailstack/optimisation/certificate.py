@@ -13,13 +13,12 @@ from ..results import Relaxation
 from ..results.digits import at_least, at_most
 from ..system import Law
 from .allocation import allocate, gaussian_bracket
-from .exact_law import error_moments, evaluate_demand, width_slopes
+from .exact_law import Evaluation, error_moments, evaluate_demand, width_slopes
 from .grades import Optimum
 from .placement import PlacementSolution
-from .prices import cheapest
+from .prices import cheapest, cheapest_in_logarithm
 from .problem import (
     Choice,
-    FreeHalfWidth,
     PlacementProblem,
     for_people,
     in_words,
@@ -29,7 +28,7 @@ from .problem import (
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
 from .search import Search
-from .terms import free_laws, pivot_shift_of
+from .terms import DemandTerms, free_laws, pivot_shift_of
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
 TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
@@ -142,112 +141,80 @@ def bound_cost(search: Search, optimum: Optimum, exact: PlacementSolution | None
     problem = optimum.problem
     if optimum.purchase is not None:
         return optimum.purchase.bound
-    if exact is not None and problem.objective == "cost" and not problem.moves:
-        convex = [term for term in exact.program.terms if term.demand.is_convex]
-        if convex:
-            return _bound_convex(exact, optimum.cost)
-        if proven := _bound_in_logarithms(exact, optimum.cost):
-            return proven
+    fixed = exact if problem.objective == "cost" and not problem.moves else None
+    if fixed is not None and (proven := _bound_by_tangents(fixed, optimum.cost)):
+        return proven
     reason = _no_bound(search, problem)
     if reason is not None:
         return Relaxation("none", optimum.cost or None, None, None, reason)
     try:
         low, high = _bracket(search, problem, optimum.choice)
     except (InfeasibleError, NotConvergedError) as error:
-        return Relaxation(
-            "none", optimum.cost, None, None, f"the convex relaxation gave none: {error.problems[0].detail}"
-        )
+        reason = f"the convex relaxation gave none: {error.problems[0].detail}"
+        return Relaxation("none", optimum.cost, None, None, reason)
     gap = 100 * (optimum.cost / low - 1)
-    return Relaxation(
-        "convex allocation",
-        optimum.cost,
-        low,
-        gap,
+    statement = (
         f"with this layout no allocation costs less than {at_most(low, 6)} ({gap:.2g} % below this one): the optimum "
         "of a convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without "
-        f"k it is always safe, and costs {at_least(high, 6)}",
+        f"k it is always safe, and costs {at_least(high, 6)}"
     )
+    return Relaxation("convex allocation", optimum.cost, low, gap, statement)
 
 
-def _bound_convex(exact: PlacementSolution, cost: float) -> Relaxation:
-    """By the dual of the allocation, in which limits on quantiles are left out.
+OF_MEANS = "means of an error, over all shots or the worst of them, are convex in the half-widths whatever the laws"
+OF_QUANTILES = (
+    "free tolerances normal, costs powers, no bias: the chance to be within is log-concave in the logarithms of the "
+    "half-widths"
+)
 
-    A mean M of |b + G h u| over all or over its tail is convex in the half-widths h whatever the law of u, as the norm
-    is, and both are monotone and convex; so it lies above its tangent, M(h) >= M + s (h - h*).  With prices mu >= 0 of
-    the limits L the least ``C(h) + mu (M + s (h - h*) - L)`` over the box is below every cost that keeps them, and a
-    sum over the half-widths, each made least by itself.
+
+def _bound_by_tangents(exact: PlacementSolution, cost: float) -> Relaxation | None:
+    """By the dual of the allocation, in which limits that are not convex are left out, which only lowers the bound;
+    None where none that presses is convex.
+
+    *Means.*  A mean M of |b + G h u| over all or over its tail is convex in the half-widths h whatever the law of u, as
+    the norm is, and both are monotone and convex; so it lies above its tangent, M(h) >= M + s (h - h*).  With prices
+    mu >= 0 of the limits L the least ``C(h) + mu (M + s (h - h*) - L)`` over the box is below every cost that keeps
+    them, and a sum over the half-widths, each made least by itself.
+
+    *Quantiles.*  ``P(|e| <= L)`` of a sum e about 0 of normal sources of sizes exp(x) and others of symmetric
+    log-concave laws is log-concave in x = log h ((B) theorem: Cordero-Erausquin, Fradelizi and Maurey 2004), so its
+    logarithm F lies below its tangent; and costs ``w exp(-k x)`` are convex.  The row is 2 log r: its slope by x is
+    -2 F' p / (r f), f the density at r; so the price of F is this one's times 2 p / (r f), and F is above log p by
+    f (L - r) / p.
     """
-    problem, widths, point = exact.problem, exact.choice.half_width, exact.iterate.point
-    charge, room, doubt = np.zeros(len(widths)), 0.0, 0.0
-    for term, multiplier in zip(exact.program.terms, point.row_multipliers, strict=False):
-        if term.demand.is_convex:
-            item = evaluate_demand(problem, term, exact.choice)
-            price = max(float(multiplier), 0.0) * exact.cost  # of the logarithm of the square
-            charge += price * width_slopes(problem, term, exact.choice, item) / widths
-            room += 2 * price * (item.limit / item.exact_mm - 1)
-            doubt += 2 * price * item.relative_error
-    each = zip(problem.half_widths, charge.tolist(), strict=True)
-    best = np.array([cheapest(free.price, pull, free.minimum, free.maximum) for free, pull in each])
-    bound = problem.cost(best) + float(charge @ (best - widths)) - room - doubt
-    gap = exact.cost / bound - 1
-    return Relaxation(
-        "convex allocation",
-        exact.cost,
-        bound,
-        100 * gap,
-        f"with this layout no allocation within the limits costs less than {at_most(bound, 6)} (duality gap "
-        f"{gap:.1e}): means of an error, over all shots or the worst of them, are convex in the half-widths whatever "
-        f"the laws, so that the optimum under the declared laws, {at_least(exact.cost, 6)}, is global; from there to "
-        f"{at_least(cost, 6)} is the margin of the check",
-    )
-
-
-def _bound_in_logarithms(exact: PlacementSolution, cost: float) -> Relaxation | None:
-    """By the dual of the allocation in x = log h, of the limits on quantiles of normal tolerances; None where it is not
-    convex in them.
-
-    ``P(|e| <= L)`` of a sum e about 0 of normal sources of sizes exp(x) and others of symmetric log-concave laws is
-    log-concave in x ((B) theorem: Cordero-Erausquin, Fradelizi and Maurey 2004), so its logarithm F lies below its
-    tangent; and costs ``w exp(-k x)`` are convex.  Limits of other kinds are left out, which only lowers the bound.
-    """
-    problem, widths, point = exact.problem, exact.choice.half_width, exact.iterate.point
+    problem, widths = exact.problem, exact.choice.half_width
     normal = all(law is Law.NORMAL for law, _ in free_laws(problem))
-    if not normal or any(free.price.curve != "power" for free in problem.half_widths):
-        return None
-    charge, room = np.zeros(len(widths)), 0.0
-    for term, multiplier in zip(exact.program.terms, point.row_multipliers, strict=False):
-        demand, price = term.demand, max(float(multiplier), 0.0) * exact.cost
-        item = evaluate_demand(problem, term, exact.choice)
-        if demand.nested or not demand.requirement.row.by_quantile or term.at_ends or item.mean_mm.any():
+    in_logarithms = normal and all(free.price.curve == "power" for free in problem.half_widths)
+    pressing = [*zip(exact.program.terms, exact.iterate.point.row_multipliers.tolist(), strict=False)]
+    items = [evaluate_demand(problem, term, exact.choice) for term, _ in pressing]
+    for logs in (False, True) if in_logarithms else (False,):
+        charge, room = np.zeros(len(widths)), 0.0
+        for (term, multiplier), item in zip(pressing, items, strict=True):
+            if _is_log_concave(term, item) if logs else term.demand.is_convex:
+                price = max(multiplier, 0.0) * exact.cost  # of the logarithm of the square
+                charge += price * width_slopes(problem, term, exact.choice, item) / (1.0 if logs else widths)
+                room += 2 * price * (item.limit / item.exact_mm - 1 + item.relative_error)
+        if not charge.any():
             continue
-        # The row is 2 log r: its slope by x is -2 F' p / (r f), f the density at r; so the price of F is this one's
-        # times 2 p / (r f), and F is above log p by f (L - r) / p.
-        charge += price * width_slopes(problem, term, exact.choice, item)
-        room += 2 * price * (item.limit / item.exact_mm - 1 + item.relative_error)
-    if not charge.any():
-        return None
-    each = zip(problem.half_widths, charge.tolist(), strict=True)
-    best = np.array([_cheapest_in_logarithm(free, pull) for free, pull in each])
-    bound = problem.cost(best) + float(charge @ np.log(best / widths)) - room
-    gap = exact.cost / bound - 1
-    return Relaxation(
-        "convex allocation",
-        exact.cost,
-        bound,
-        100 * gap,
-        f"at this layout no other half-widths within the limits cost less than {at_most(bound, 6)} (duality gap "
-        f"{gap:.1e}): to first order the optimum under the declared laws, {at_least(exact.cost, 6)}, is global (free "
-        "tolerances normal, costs powers, no bias: the chance to be within is log-concave in the logarithms of the "
-        f"half-widths); from there to {at_least(cost, 6)} is the margin of the check",
-    )
+        least = cheapest_in_logarithm if logs else cheapest
+        each = zip(problem.half_widths, charge.tolist(), strict=True)
+        best = np.array([least(free.price, pull, free.minimum, free.maximum) for free, pull in each])
+        bound = problem.cost(best) + float(charge @ (np.log(best / widths) if logs else best - widths)) - room
+        gap = exact.cost / bound - 1
+        statement = (
+            f"at this layout no other half-widths within the limits cost less than {at_most(bound, 6)} (duality gap "
+            f"{gap:.1e}): to first order the optimum under the declared laws, {at_least(exact.cost, 6)}, is global "
+            f"({OF_QUANTILES if logs else OF_MEANS}); from there to {at_least(cost, 6)} is the margin of the check"
+        )
+        return Relaxation("convex allocation", exact.cost, bound, 100 * gap, statement)
+    return None
 
 
-def _cheapest_in_logarithm(free: FreeHalfWidth, charge: float) -> float:
-    """The half-width with the least ``cost + charge log h``, of a power law."""
-    if charge <= 0:
-        return free.maximum
-    best = (free.price.exponent * free.price.weight / charge) ** (1 / free.price.exponent)
-    return float(min(max(best, free.minimum), free.maximum))
+def _is_log_concave(term: DemandTerms, item: Evaluation) -> bool:
+    """Whether a limit is that of a quantile of what nothing known moves, over all units and shots together."""
+    demand = term.demand
+    return not (demand.nested or not demand.requirement.row.by_quantile or term.at_ends or item.mean_mm.any())
 
 
 def _no_bound(search: Search, problem: PlacementProblem) -> str | None:

@@ -100,6 +100,12 @@ def cheapest(price: Price, charge: float, low: float, high: float) -> float:
     return min(max(best, low), high)
 
 
+def cheapest_in_logarithm(price: Price, charge: float, low: float, high: float) -> float:
+    """The same of ``cost + charge log h``, of a power law: both are convex in the logarithm."""
+    best = inf if charge <= 0 else (price.exponent * price.weight / charge) ** (1 / price.exponent)
+    return min(max(best, low), high)
+
+
 def log_smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
     """The logarithm of :func:`smooth_cost`, which is finite where the curve itself is too small for a number."""
     if price.curve == "exponential":
