@@ -149,18 +149,27 @@ def refuse_repeated(names: Sequence[str], what: str, at: str, hint: str = "") ->
 KEEP_ONE = "keep one of them"
 
 
-def exactly_one(first: str, second: str, words: str = "give", neither: str = "") -> Any:
-    """The configuration and the validator of a record that has one of two fields; neither: the cure where both lack."""
+def only_one(*names: str, needed: str | None = None, cure: str = KEEP_ONE) -> Any:
+    """The validator of a record that has one of some fields at most, of those that it knows; ``needed``: just one, and
+    what to write where none is there."""
 
     def check(record: Record) -> Record:
-        both = getattr(record, first) is not None
-        if both == (getattr(record, second) is not None):
-            given, cure = ("both", KEEP_ONE) if both else ("neither", neither)
-            raise refusal("one-of", f"{words} exactly one of {first} and {second}; {given} arrived", cure)
+        known = [name for name in names if name in type(record).model_fields]
+        given = [name for name in known if getattr(record, name) is not None]
+        if len(given) > 1 or (needed is not None and not given):
+            words = "one" if needed is None else "exactly one"
+            detail = f"give {words} of {', '.join(known[:-1])} and {known[-1]}; {' and '.join(given) or 'none'} arrived"
+            at = given[1] if given and needed is None else ""
+            raise refusal("one-of", detail, cure if given else needed or "", at)
         return record
 
+    return model_validator(mode="after")(check)
+
+
+def exactly_one(first: str, second: str, needed: str = "") -> Any:
+    """The configuration and the validator of a record that has one of two fields; needed: the cure where both lack."""
     schema: dict[str, Any] = {"oneOf": [{"required": [first]}, {"required": [second]}]}
-    return ConfigDict(json_schema_extra=schema), model_validator(mode="after")(check)
+    return ConfigDict(json_schema_extra=schema), only_one(first, second, needed=needed)
 
 
 def not_both(first: str, second: str) -> Any:

@@ -194,7 +194,7 @@ def test_one_number_for_beads_of_all_depths_is_within_a_hundredth() -> None:
 @pytest.mark.parametrize(
     ("changes", "place", "words"),
     [
-        ({"counts": 100.0}, "", "exactly one of snr and counts; both"),
+        ({"counts": 100.0}, "", "exactly one of snr and counts; snr and counts"),
         ({"snr": None}, "", "snr: 30"),
         ({"diameter_mm": 0.4, "contrast": 0.02}, "", "a larger bead, or more contrast or snr"),
         ({"contrast": 1.5}, "/contrast", "at most 1"),

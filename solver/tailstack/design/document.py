@@ -52,6 +52,7 @@ from ..fields import (
     leave_out_later,
     not_both,
     one_of,
+    only_one,
     refusal,
     refuse_repeated,
     share,
@@ -184,7 +185,7 @@ class _View(Record):
 class _Aimed(_View):
     """Where the beam goes: an orientation by name, or two directions."""
 
-    model_config, _one_direction = exactly_one("orientation", "beam_direction", neither="orientation: AP")
+    model_config, _one_direction = exactly_one("orientation", "beam_direction", "orientation: AP")
 
     orientation: Literal["AP", "LAT"] | None = Field(default=None, examples=["AP"])
     """AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or
@@ -471,12 +472,10 @@ class Interface(Record):
         {"drawn": Drawn.UNIT, "features": None, "locator_files": None, "drawing": None, "origin": None}
     )
 
+    _one_way = only_one(*WAYS_OF_HOLDING)
+
     @model_validator(mode="after")
     def _one_description(self) -> Interface:
-        ways = [field for field in WAYS_OF_HOLDING if getattr(self, field) is not None]
-        if len(ways) > 1:
-            detail = f"give one of {', '.join(WAYS_OF_HOLDING)}; {' and '.join(ways)} arrived"
-            raise refusal("one-of", detail, f"the torsor follows from {ways[-1]}", ways[-1])
         for field in ("locators", "features"):
             refuse_repeated([each.name for each in getattr(self, field) or ()], field, f"{field}/{{}}/name")
         refuse_overheld(self.features or ())
@@ -546,7 +545,7 @@ class HandEye(Record):
 class Repeatability(Record):
     """Scatter of the robot's positioning, per axis of the tcp frame."""
 
-    model_config, _one_size = exactly_one("std_mm", "half_width_mm", neither="std_mm: 0.02")
+    model_config, _one_size = exactly_one("std_mm", "half_width_mm", "std_mm: 0.02")
 
     std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(default=None, examples=[0.02])
     """Standard deviation of a normal law, mm: one number for the three axes, or [x, y, z]. Either this or
@@ -745,9 +744,9 @@ class Fiducials(Record):
         if frames and self.file is None:
             words = "points of the document are in con; only those of a file are carried there"
             raise refusal("unused-field", words, f"remove {frames[0]}", frames[0])
-        if len(frames) > 1:
-            raise refusal("one-of", f"give {' or '.join(frames)}; both arrived", KEEP_ONE, frames[1])
         return self
+
+    _one_frame = only_one("T_con_file", "registered_to")
 
 
 class Transforms(Record):
@@ -782,7 +781,7 @@ class Sphere(Record):
 class Region(Record):
     """A target region, by exactly one shape."""
 
-    model_config, _one_shape = exactly_one("box", "sphere", "a region is")
+    model_config, _one_shape = exactly_one("box", "sphere")
 
     box: Box | None = None
     """Axis-parallel box."""
@@ -793,7 +792,7 @@ class Region(Record):
 class TargetDocument(Record):
     """A target point, or a region that is expanded to points called name[0], name[1], ..."""
 
-    model_config, _one_place = exactly_one("position_mm", "region", "a target has")
+    model_config, _one_place = exactly_one("position_mm", "region")
 
     name: Name = Field(examples=["tip"])
     """Name, unique."""

@@ -43,7 +43,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, model_validator
 
-from ..fields import Direction, Name, Point, Record, are_parallel, refusal
+from ..fields import Direction, Name, Point, Record, are_parallel, only_one, refusal
 from ..geometry.arrays import Array
 from ..ranges import SEAT_MM, AnySize
 from .iso286 import Deviations, read_fit
@@ -197,12 +197,7 @@ class Pad(_Feature):
     height_mm: _Limits | None = Field(default=None, examples=[[0.02, 0.0]])
     """Deviations of its height along the normal, mm: [upper, lower]. Default exact."""
 
-    @model_validator(mode="after")
-    def _one_zone(self) -> Self:
-        if (self.flatness_mm is None) == (self.parallelism_mm is None):
-            cure = "flatness_mm: 0.02" if self.flatness_mm is None else "leave one of them out"
-            raise refusal("one-of", "give exactly one of flatness_mm and parallelism_mm", cure)
-        return self
+    _one_zone = only_one("flatness_mm", "parallelism_mm", needed="flatness_mm: 0.02")
 
     @property
     def _zone(self) -> tuple[str, float]:

@@ -6,7 +6,7 @@ Where fiducials may go, may not go and how they repeat is said by shapes in con,
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
@@ -22,6 +22,7 @@ from ..fields import (
     Record,
     exactly_one,
     leave_out_later,
+    only_one,
     refusal,
 )
 from ..ranges import (
@@ -94,7 +95,7 @@ class Survive(Record):
 class Stay(Record):
     """What speaks against moving a fiducial from where it is."""
 
-    model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", neither="at_most_mm: 10")
+    model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", "at_most_mm: 10")
 
     cost_per_mm: _Weight | None = Field(default=None, examples=[2.0])
     """Price of each mm that a free fiducial is away from its place, in the unit of the cost; objective: cost, with
@@ -217,11 +218,10 @@ class Grade(Record):
         """Its name, or what is drawn."""
         return self.name or (f"{self.drawn_value:g}" if isinstance(self.drawn_value, float) else self.drawn_value or "")
 
+    _one_value = only_one("half_width_deg", "half_width_mm", "fit", "zone_mm", needed="half_width_mm: 0.01")
+
     @model_validator(mode="after")
-    def _one_value(self) -> Grade:
-        fields = ("half_width_deg", "half_width_mm", "fit", "zone_mm")
-        if sum(getattr(self, field) is not None for field in fields) != 1:
-            raise refusal("one-of", f"give exactly one of {', '.join(fields)}")
+    def _complete(self) -> Grade:
         if self.drawn_value is None and not (self.half_width_deg or self.half_width_mm):
             raise refusal("out-of-range", "a grade holds a half-width above zero; 0 arrived")
         if self.drawn_value is None and (self.price is None or self.name is None):
@@ -462,11 +462,11 @@ class Optimise(Record):
         """The view that may be added."""
         return next((each for each in self.views or () if isinstance(each, AddedView)), None)
 
+    _one_region = only_one(*_REGIONS)
+
     @model_validator(mode="after")
     def _consistent(self) -> Optimise:
-        given = [name for name in _REGIONS if getattr(self, name) is not None]
-        if len(given) > 1:
-            raise refusal("one-of", f"give one of box, region and regions; {' and '.join(given)} arrived", at=given[1])
+        given = any(getattr(self, name) is not None for name in _REGIONS)
         if not (given or self.frees_tolerances or self.pivots):
             detail = "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change"
             raise refusal("nothing-free", detail, "add a box")
@@ -674,14 +674,7 @@ class Shaped(Record):
     ball: SearchBall | None = None
     """Ball or shell."""
 
-    @model_validator(mode="after")
-    def _one_shape(self) -> Self:
-        names = [name for name in _AREAS if name in type(self).model_fields]
-        given = [name for name in names if getattr(self, name) is not None]
-        if len(given) != 1:
-            got = " and ".join(given) or "none"
-            raise refusal("one-of", f"give exactly one of {', '.join(names[:-1])} and {names[-1]}; {got} arrived")
-        return self
+    _one_shape = only_one(*_AREAS, needed="box: {min_mm: [-50, -50, -90], max_mm: [50, 50, 10]}")
 
     @property
     def solid(self) -> SearchBox | SearchCylinder | SearchBall:
@@ -774,9 +767,4 @@ class Symmetry(Record):
     rotation: Turn | None = None
     """Groups turned about an axis."""
 
-    @model_validator(mode="after")
-    def _one(self) -> Symmetry:
-        if (self.mirror is None) == (self.rotation is None):
-            given = "both" if self.mirror is not None else "neither"
-            raise refusal("one-of", f"give exactly one of mirror and rotation; {given} arrived")
-        return self
+    _one = only_one("mirror", "rotation", needed="mirror: {normal: [1, 0, 0]}")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag
 
-from ..fields import KEEP_ONE, Angles, Matrix44, Point, Quaternion, Record, Rotation3, refusal
+from ..fields import Angles, Matrix44, Point, Quaternion, Record, Rotation3, only_one
 
 
 class Pose(Record):
@@ -21,12 +21,7 @@ class Pose(Record):
     translation_mm: Point = Field(default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, 120.0]])
     """Added after the rotation, mm."""
 
-    @model_validator(mode="after")
-    def _one_rotation(self) -> Pose:
-        given = [n for n in ("rotation_deg", "rotation", "quaternion_wxyz") if getattr(self, n) is not None]
-        if len(given) > 1:
-            raise refusal("one-of", f"give one rotation; {' and '.join(given)} arrived", KEEP_ONE, given[1])
-        return self
+    _one_rotation = only_one("rotation_deg", "rotation", "quaternion_wxyz")
 
 
 def _pose_kind(value: Any) -> str | None:

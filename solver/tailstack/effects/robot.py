@@ -25,7 +25,19 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import Problem
-from ..fields import Angles, Coordinate, Degrees, Direction, Name, Point, Record, Typical, leave_out_later, refusal
+from ..fields import (
+    Angles,
+    Coordinate,
+    Degrees,
+    Direction,
+    Name,
+    Point,
+    Record,
+    Typical,
+    leave_out_later,
+    only_one,
+    refusal,
+)
 from ..geometry.arrays import Array, frozen
 from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_at, place_errors, rpy_joint, undo
 from ..levels import Drawn
@@ -161,12 +173,10 @@ class Robot(Record):
 
     _as_before = leave_out_later({"drawn": Drawn.UNIT})
 
+    _one_arm = only_one("dh", "joints", "urdf", needed="urdf: {file: arm.urdf}")
+
     @model_validator(mode="after")
     def _fit(self) -> Self:
-        arms = ("dh", "joints", "urdf")
-        if len(given := [name for name in arms if getattr(self, name) is not None]) != 1:
-            arrived = " and ".join(given) or "none"
-            raise refusal("one-of", f"give exactly one of {', '.join(arms)}; {arrived} arrived", "name the arm once")
         for first, second in (("dh", "dh_convention"), ("stiffness_nm_per_rad", "payload_kg")):
             stated = [name for name in (first, second) if getattr(self, name) is not None]
             if len(stated) == 1:
