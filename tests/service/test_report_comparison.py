@@ -133,8 +133,8 @@ def test_a_design_has_one_p95_though_its_check_alone_would_stop_sooner(
     page = document_of("comparison", to_json(made))
     for number, value in zip(page.numbers, shown, strict=False):
         assert number.value == f"{value:.3f} mm"
-    for figure, value in zip(page.figures, shown, strict=True):
-        assert f"P95 {value:.3f} mm" in figure.svg
+    (figure,) = page.figures
+    assert all(f"P95 {value:.3f} mm" in figure.svg for value in shown)
 
 
 @pytest.mark.long
@@ -148,19 +148,6 @@ def test_a_job_draws_on_as_the_comparison_here_does(uneven: tuple[list[dict[str,
     assert outcome.answer == to_json(made)
     assert {json.loads(unit.spec)["of"] for unit in recorded} == {"first", "second"}
     Draft202012Validator(json_schema("comparison")).validate(json.loads(to_json(made)))
-
-
-@pytest.mark.long
-def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
-    """Designs that are far apart: each picture by itself would end somewhere else."""
-    far = compute_comparison(load_design(limited(0.9)), load_design(limited(3.0)), ReportContents(trials=500))
-    for made in (uneven[1], far):
-        axes = []
-        for figure in document_of("comparison", to_json(made)).figures:
-            ticks = re.findall(r'<text x="([\d.]+)" y="111\.9"[^>]*>([\d.]+)</text>', figure.svg)
-            assert len(ticks) > 4
-            axes.append(ticks)
-        assert axes[0] == axes[1]
 
 
 @pytest.mark.long

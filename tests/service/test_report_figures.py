@@ -31,7 +31,6 @@ from tailstack_service.report import half_widths, images
 from tailstack_service.report import scene as scenes
 from tailstack_service.report.charts import (
     PHONE,
-    Scaled,
     draw_budgets,
     draw_distribution,
     draw_errors,
@@ -43,7 +42,7 @@ from tailstack_service.report.charts import (
 )
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
 from tailstack_service.report.images import draw_images
-from tailstack_service.report.records import ErrorDistribution
+from tailstack_service.report.records import ErrorDistribution, Headline
 from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of, semi_axes
 from tailstack_service.report.scene_picture import CIRCLE, draw_scene
 from tailstack_service.report.svg import WIDTH
@@ -629,9 +628,10 @@ def test_charts_of_errors_are_legible_wherever_the_limit_is(
     check_picture(draw_distribution(distribution("tip", 0.5, sampled=False), 0.87, interval, limit, "d"))
     others = (("mean", 0.44), ("CVaR95", 1.02))
     for quantile in ("P95", "P95 that 90 % of units keep"):
-        shown = Scaled("tip", 0.87, interval or (0.86, 0.88), limit, others, quantile)
+        ends, of = interval or (0.86, 0.88), {"headline": quantile, "limit": limit}
+        shown = Headline("pass", "first order", "", None, "tip", 0.95, 0.87, ends, matters=(), **of)  # type: ignore[arg-type]
         for width in (WIDTH, PHONE):
-            root = check_picture(draw_scale(shown, "s", width))
+            root = check_picture(draw_scale(shown, others, "s", width))
             value = next(box for box in texts(root) if "0.870" in box[0])
             lines = [line for line in root.iter(f"{SVG}path") if line.attrib.get("stroke") == LIMIT_COLOUR]
             assert len(lines) == (limit is not None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 
     from .half_widths import Judgement, ToleranceCurve, ToleranceCurves
     from .matplotlib_svg import Chart
-    from .records import ErrorDistribution
+    from .records import ErrorDistribution, Headline
 
 BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
@@ -152,37 +151,19 @@ def draw_distribution(
 PHONE = 360  # width of a page for a narrow screen
 
 
-@dataclass(frozen=True, slots=True)
-class Scaled:
-    """A quantile with its interval beside its limit; ``others`` are further numbers, in mm."""
+def draw_scale(
+    shown: Headline, others: Sequence[tuple[str, float]], name: str, width: float = WIDTH, decimals: int = 3
+) -> str:
+    """What decides, with its interval, on one scale with the limit, on a page so wide.
 
-    target: str
-    value: float
-    interval: tuple[float, float | None]
-    limit: float | None
-    others: tuple[tuple[str, float], ...] = ()
-    quantile: str = "P95"
-    error: str = "tcp"
-    decimals: int = 3  # of what is written
-    reach_mm: float = 0.0  # the scale goes as far at least, so that two pictures can be laid beside one another
-
-    own_unit: str = ""
-
-    @property
-    def unit(self) -> str:
-        """Of value, interval and limit."""
-        return self.own_unit or MEASURE[self.error].unit
-
-
-def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
-    """The quantile with its interval on one scale with the limit, on a page so wide."""
-    value, limit, (low, high) = shown.value, shown.limit, shown.interval
-    end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
+    others: further numbers in its unit, by name.  decimals: of what is written.
+    """
+    value, limit, (low, high), unit = shown.value, shown.limit, shown.interval, shown.unit
+    end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in others), 1e-9)
     left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
     with open_page(name, 136, width) as page:
-        unit = shown.unit
         of_error = unit == MEASURE[shown.error].unit
-        title = f"{ERRORS[shown.error].removeprefix('the ') if of_error else shown.quantile}, {unit}"
+        title = f"{ERRORS[shown.error].removeprefix('the ') if of_error else shown.headline}, {unit}"
         axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
         axes.yaxis.set_visible(False)
@@ -196,31 +177,30 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
         axes.plot([low, top], [y, y], color=VALUE_COLOUR, linewidth=4)
         axes.plot([low, top], [y, y], "|", color=VALUE_COLOUR, markersize=16, markeredgewidth=2, clip_on=False)
         axes.plot(value, y, "o", color=VALUE_COLOUR, markersize=10, markeredgewidth=0)
-        label, middle, above = _place_label(shown, top, end, per_mm)
+        short = f"{value:.{decimals}f} {unit}"
+        label, middle, above = _place_label(shown, short, top, end, per_mm)
         beside(axes, (middle, y), label, (0, 9 if above else -4), ha="center", color=VALUE_COLOUR, weight="bold")
-        for words, at in shown.others:
+        for words, at in others:
             axes.plot(at, 88.5, "^", color=INK, markersize=8, markeredgewidth=0)
             near = limit is not None and abs(at - limit) * per_mm < 0.35 * FONT * len(words)
             aside = "center" if not near or limit is None else "right" if at < limit else "left"
             beside(axes, (at, 82), words, ({"right": 3, "left": -3}.get(aside, 0), 0), ha=aside)
-        size = shown.decimals
-        words = f"{shown.quantile} at target {shown.target} is {value:.{size}f} {unit}"
-        words += "" if high is None else f", between {low:.{size}f} and {high:.{size}f} {unit}"
+        words = f"{shown.headline} at target {shown.target} is {short}"
+        words += "" if high is None else f", between {low:.{decimals}f} and {high:.{decimals}f} {unit}"
         words += "" if limit is None else f"; the limit is {limit:g} {unit}"
-        words += "".join(f"; {other} {at:.{size}f} {unit}" for other, at in shown.others) + "."
-        return page.svg(f"{shown.quantile} and limit at target {shown.target}", words)
+        words += "".join(f"; {other} {at:.{decimals}f} {unit}" for other, at in others) + "."
+        return page.svg(f"{shown.headline} and limit at target {shown.target}", words)
 
 
-def _place_label(shown: Scaled, top: float, end: float, per_mm: float) -> tuple[str, float, bool]:
-    """The quantile's label, its middle on the scale from 0 to ``end``, and whether it stands above the mark.
+def _place_label(shown: Headline, short: str, top: float, end: float, per_mm: float) -> tuple[str, float, bool]:
+    """The value's label, its middle on the scale from 0 to ``end``, and whether it stands above the mark.
 
-    It stands beside the bar and on one side of the limit's line, without its first word where that leaves no room.
+    It stands beside the bar and on one side of the limit's line, ``short`` where there is no room for its name.
     """
     value, limit, gap = shown.value, shown.limit, 8 / per_mm
     after, before = max(top, value + 5 / per_mm) + gap, min(shown.interval[0], value - 5 / per_mm) - gap
     edges = [0.0, *([] if limit is None else [limit]), end]
-    short = f"{value:.{shown.decimals}f} {shown.unit}"
-    for label in (f"{shown.quantile} {short}", short):
+    for label in (f"{shown.headline} {short}", short):
         half = (CHARACTER * 1.08 * FONT * columns(label) + 10) / per_mm / 2
         sides = [before - half, after + half]
         for middle in reversed(sides) if limit is not None and limit < value else sides:

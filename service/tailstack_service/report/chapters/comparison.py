@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
-from tailstack.results import Score, TargetEstimate, TargetScore
+from tailstack.results import TargetScore, Verdict
 from tailstack.results.digits import in_percent, length, signed_decimal
 from tailstack.results.score import single_lines, source_name
 from tailstack.results.tables import Cell, Column, On, Row, Table, tabulate
 from tailstack.results.verdicts import (
     MARGIN_NOTE,
-    P95,
     Judged,
     check_columns,
     checks_table,
@@ -22,7 +21,7 @@ from tailstack.results.verdicts import (
 )
 
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
-from ..charts import Scaled, draw_budgets, draw_errors, draw_scale, draw_tolerances
+from ..charts import draw_budgets, draw_errors, draw_tolerances
 from ..dots import draw_dots, say_misses
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import comparison_decimals, decided_difference, difference_decimals, tightest_check
@@ -37,13 +36,36 @@ COLUMNS = ("First", "Second")
 DESIGNS = ("first design", "second design")
 
 
-def _name_both(comparison: Comparison) -> tuple[str, str]:
-    """What each is called within a sentence."""
-    return comparison.names or DESIGNS
+class _Side(NamedTuple):
+    """One of the two designs."""
+
+    place: str  # First, Second
+    called: str  # within a sentence
+    column: str  # above its numbers
+    report: Report
+
+    @property
+    def the(self) -> str:
+        """What it is called, with an article where that is no name."""
+        return f"the {self.called}" if self.called in DESIGNS else self.called
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of its check, where it was drawn."""
+        return (self.report.verification or self.report.score).verdict
+
+    def target(self, name: str) -> TargetScore:
+        """One of its targets."""
+        return next(target for target in self.report.score.targets if target.name == name)
 
 
-def _the(called: str) -> str:
-    return f"the {called}" if called in DESIGNS else called
+Sides = tuple[_Side, _Side]
+
+
+def _sides_of(comparison: Comparison) -> Sides:
+    called, columns = comparison.names or DESIGNS, comparison.names or COLUMNS
+    first, second = map(_Side, COLUMNS, called, columns, (comparison.first, comparison.second))
+    return first, second
 
 
 def _begin(words: str) -> str:
@@ -53,108 +75,64 @@ def _begin(words: str) -> str:
 
 def comparison_document(comparison: Comparison, sha256: str) -> Document:
     """What sets two designs apart, then each by itself as far as the comparison rests on it."""
-    first, second = comparison.first, comparison.second
-    reports = tuple(zip(_name_both(comparison), (first, second), strict=True))
+    sides, second = _sides_of(comparison), comparison.second
+    errors = tuple(_errors(comparison, sides))
     sections = [
-        Section("The difference", _difference_blocks(comparison)),
-        Section("What changed in the document", _change_blocks(comparison)),
-        Section("Both layouts", _layouts(comparison)),
-        Section("Budgets side by side", tuple(_budgets(comparison))),
-        Section("Requirements and findings", _verdict_blocks(comparison)),
+        Section("The difference", (*_difference_blocks(comparison, sides), *_shots(sides), *errors[1:])),
+        Section("What changed in the document", _change_blocks(comparison, sides)),
+        Section("Both layouts", _layouts(*sides)),
+        Section("Budgets side by side", tuple(_budgets(comparison, sides))),
+        Section("Requirements and findings", _verdict_blocks(sides)),
         *review_sections(second.design),
-        Section("Method and assumptions", _method(comparison), reader="auditor"),
+        Section("Method and assumptions", _method(comparison, sides), reader="auditor"),
         *closing_sections(second.provenance, *_reproduction(second), design=second.design),
     ]
-    for which, report in reports:
-        listing = design_listing(report.design, f"{_begin(which)}, as YAML")
-        sections.append(Section(_begin(_the(which)), (listing,), reader="auditor"))
+    for side in sides:
+        listing = design_listing(side.report.design, f"{_begin(side.called)}, as YAML")
+        sections.append(Section(_begin(side.the), (listing,), reader="auditor"))
     return Document(
         kind="Comparison of two designs",
         title=comparison.title,
         tone=tone_of(comparison.headline.status),
         status=f"{comparison.names[1] if comparison.names else 'second'}: {comparison.headline.status}",
         sentence=comparison.headline.sentence,
-        numbers=_numbers(comparison),
+        numbers=tuple(_numbers(comparison, sides)),
         matters=comparison.headline.matters,
-        figures=tuple(_scales(comparison)),
-        requirements=_requirements(comparison),
+        figures=errors[:1],
+        requirements=_requirements(sides),
         sections=tuple(sections),
-        provenance=_provenance(comparison, sha256),
+        provenance=_provenance(comparison, sides, sha256),
         made=second.provenance,
     )
 
 
-def _numbers(comparison: Comparison) -> tuple[KeyNumber, ...]:
-    worst = decided_difference(comparison.second, comparison.differences)
-    decimals = comparison_decimals(comparison.first, comparison.second)
-    quantiles = [
-        KeyNumber(
-            f"P95, {which}",
-            f"{length(value, decimals)} mm",
-            f"target {worst.target}, {name_basis(worst.basis)}",
-        )
-        for which, value in zip(_name_both(comparison), (worst.first_p95_mm, worst.second_p95_mm), strict=True)
-    ]
+def _decimals(comparison: Comparison) -> int:
+    return comparison_decimals(comparison.first, comparison.second)
+
+
+def _decisive(comparison: Comparison) -> Difference:
+    return decided_difference(comparison.second, comparison.differences)
+
+
+def _numbers(comparison: Comparison, sides: Sides) -> Iterator[KeyNumber]:
+    worst, decimals = _decisive(comparison), _decimals(comparison)
+    for side, value in zip(sides, (worst.first_p95_mm, worst.second_p95_mm), strict=True):
+        what = f"target {worst.target}, {name_basis(worst.basis)}"
+        yield KeyNumber(f"P95, {side.called}", f"{length(value, decimals)} mm", what)
     fine = difference_decimals(worst, decimals)
-    size = f"{_with_sign(worst.difference_mm, fine)} mm"
-    return (*quantiles, KeyNumber("Difference", size, _ends(worst, fine)))
+    size, *ends = (
+        signed_decimal(value, fine).replace("-", "−") for value in (worst.difference_mm, *(worst.interval_mm or ()))
+    )
+    within = f"{' to '.join(ends)} mm, {in_percent(worst.confidence)}" if worst.confidence else "estimate"
+    yield KeyNumber("Difference", f"{size} mm", within)
 
 
-def _ends(difference: Difference, decimals: int) -> str:
-    if difference.interval_mm is None or difference.confidence is None:
-        return "estimate"
-    low, high = (_with_sign(end, decimals) for end in difference.interval_mm)
-    return f"{low} to {high} mm, {in_percent(difference.confidence)}"
-
-
-def _with_sign(value: float, decimals: int) -> str:
-    return signed_decimal(value, decimals).replace("-", "−")
-
-
-def _scales(comparison: Comparison) -> Iterator[Figure]:
-    """P95 of both designs at the target of the headline, on scales that are alike."""
-    worst = decided_difference(comparison.second, comparison.differences)
-    drawn = [_at(report, worst.target) for report in (comparison.first, comparison.second)]
-    decimals = comparison_decimals(comparison.first, comparison.second)
-    reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
-    for place, which, (target, limit) in zip(COLUMNS, _name_both(comparison), drawn, strict=True):
-        name = f"headline-{place.lower()}"
-        beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
-        ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
-        shown = Scaled(worst.target, target.p95_mm, ends, limit, beside, decimals=decimals, reach_mm=reach)
-        svg = draw_scale(shown, name)
-        bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "by estimate"
-        yield Figure(name, svg, f"{_begin(which)}. Size of the error at the tool, target {worst.target}: {bar}.")
-
-
-def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float | None]:
-    """What is known of a target, and the limit that its P95 is held against."""
-    judged = report.verification or report.score
-    limits = [
-        check.limit
-        for check in judged.verdict.checks
-        if (check.target, check.error, check.risk, check.quantile, check.statistic)
-        == (name, "tcp", "pooled", P95, "quantile")
-    ]
-    target: TargetScore | TargetEstimate = next(entry for entry in judged.targets if entry.name == name)
-    return target, min(limits, default=None)
-
-
-def _upper(target: TargetScore | TargetEstimate) -> float:
-    return target.p95_interval_mm[1] if isinstance(target, TargetEstimate) else target.p95_mm
-
-
-def _requirements(comparison: Comparison) -> Table | None:
+def _requirements(sides: Sides) -> Table | None:
     """Each requirement of both designs, at the target that decides it; what the second fails first."""
-    names = comparison.names or COLUMNS
-    judged = [
-        (which, check, count)
-        for which, report in zip(names, (comparison.first, comparison.second), strict=True)
-        for check, count in decided_by((report.verification or report.score).verdict.checks)
-    ]
+    judged = [(side.column, check, count) for side in sides for check, count in decided_by(side.verdict.checks)]
     if not judged:
         return None
-    places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == names[1]}
+    places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == sides[1].column}
     judged.sort(key=lambda entry: places.get(entry[1].requirement, len(judged)))
     columns = (
         Column("Design", of=lambda row: row[0]),
@@ -169,95 +147,82 @@ def _of_second(cell: Callable[[Any], Cell] | None) -> Callable[[Any], Cell] | No
     return None if cell is None else lambda row: cell(row[1])
 
 
-def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
-    rows = [
-        Row((
-            entry.target, entry.first_p95_mm, entry.second_p95_mm, entry.difference_mm,
-            *(entry.interval_mm or (None, None)),
-            entry.difference_mm / entry.first_p95_mm if entry.first_p95_mm > 0 else None, entry.conclusion,
-        ))
-        for entry in comparison.differences
-    ]  # fmt: skip
-    decimals = comparison_decimals(comparison.first, comparison.second)
+def _difference_blocks(comparison: Comparison, sides: Sides) -> Iterator[Block]:
+    decimals = _decimals(comparison)
     fine = max(difference_decimals(entry, decimals) for entry in comparison.differences)
-    columns = comparison.names or COLUMNS
     note = "P95 of the TCP error, second minus first: negative is better."
     if comparison.compared_trials is not None:
         note += (
             f" Both designs were drawn with the same random numbers, {_trials(comparison):,} trials each; every "
             "interval holds by itself, they are not corrected for being several."
         )
-    blocks: list[Block] = [
-        Table(
-            "Differences",
-            "P95 at the targets that both designs have",
-            (
-                Column("Target"), *(Column(name, "mm", "fixed", decimals) for name in columns),
-                Column("Difference", "mm", "fixed", fine), Column("From", "mm", "fixed", fine),
-                Column("To", "mm", "fixed", fine), Column("Of the first", "%", "percent", 1),
-                Column(f"{columns[1]} is"),
-            ),
-            tuple(rows),
-            note,
-        )
-    ]  # fmt: skip
-    alone = [
-        f"Only {_the(which)} has {', '.join(names)}."
-        for which, names in zip(_name_both(comparison), (comparison.only_first, comparison.only_second), strict=True)
-        if names
-    ]
-    shared = {target.name for target in comparison.first.score.targets} & {
-        t.name for t in comparison.second.score.targets
-    }
-    if len(shared) > len(comparison.differences):
-        alone.append(f"Compared are the {len(comparison.differences)} targets with the largest P95 of {len(shared)}.")
-    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()), *_shots(comparison), *_errors(comparison))
+    columns = (
+        Column("Target", of=lambda entry: entry.target),
+        Column(sides[0].column, "mm", "fixed", decimals, of=lambda entry: entry.first_p95_mm),
+        Column(sides[1].column, "mm", "fixed", decimals, of=lambda entry: entry.second_p95_mm),
+        Column("Difference", "mm", "fixed", fine, of=lambda entry: entry.difference_mm),
+        Column("From", "mm", "fixed", fine, of=lambda entry: entry.interval_mm and entry.interval_mm[0]),
+        Column("To", "mm", "fixed", fine, of=lambda entry: entry.interval_mm and entry.interval_mm[1]),
+        Column("Of the first", "%", "percent", 1, of=_share_of_first),
+        Column(f"{sides[1].column} is", of=lambda entry: entry.conclusion),
+    )
+    caption = "P95 at the targets that both designs have"
+    yield tabulate("Differences", caption, columns, comparison.differences, note)
+    pairs = zip(sides, (comparison.only_first, comparison.only_second), strict=True)
+    alone = [f"Only {side.the} has {', '.join(names)}." for side, names in pairs if names]
+    named = [{target.name for target in side.report.score.targets} for side in sides]
+    shared = len(named[0] & named[1])
+    if shared > len(comparison.differences):
+        alone.append(f"Compared are the {len(comparison.differences)} targets with the largest P95 of {shared}.")
+    if alone:
+        yield Bullets(tuple(alone))
 
 
-def _shots(comparison: Comparison) -> Iterator[Figure]:
+def _share_of_first(entry: Difference) -> float | None:
+    return entry.difference_mm / entry.first_p95_mm if entry.first_p95_mm > 0 else None
+
+
+def _shots(sides: Sides) -> Iterator[Figure]:
     """Fifty shots of what decides each design on one scale; on two where their units differ."""
     both = [
-        (f"{_begin(which)}, {shots.of}: {say_misses(shots)}", shots)
-        for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True)
-        if (shots := report.score.fifty_shots) is not None
+        (f"{_begin(side.called)}, {shots.of}: {say_misses(shots)}", shots)
+        for side in sides
+        if (shots := side.report.score.fifty_shots) is not None
     ]
     for k, unit in enumerate(dict.fromkeys(shots.unit for _, shots in both)):
         name, alike = f"fifty-shots-{k + 1}", [row for row in both if row[1].unit == unit]
         yield Figure(name, draw_dots(alike, name), "Fifty shots that stand for all, by estimate, of what decides each.")
 
 
-def _errors(comparison: Comparison) -> Iterator[Figure]:
-    """Both errors over one another, at the targets that both reports draw."""
-    drawn = [
-        {shown.target: shown for shown in report.distributions} for report in (comparison.first, comparison.second)
-    ]
-    limits = {target.name: target.limit_mm for target in comparison.second.score.targets}
-    for k, entry in enumerate(comparison.differences):
+def _errors(comparison: Comparison, sides: Sides) -> Iterator[Figure]:
+    """Both errors over one another at the targets that both reports draw, first where the second design is judged."""
+    drawn = [{shown.target: shown for shown in side.report.distributions} for side in sides]
+    decides = _decisive(comparison)
+    for k, entry in enumerate(sorted(comparison.differences, key=lambda entry: entry is not decides)):
         if entry.target in drawn[0] and entry.target in drawn[1]:
             name = f"errors-{k + 1}"
             svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
-                limits[entry.target], _name_both(comparison), name,
-                comparison_decimals(comparison.first, comparison.second),
+                sides[1].target(entry.target).limit_mm, (sides[0].called, sides[1].called), name, _decimals(comparison),
             )  # fmt: skip
             yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
 
 
-def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
+def _change_blocks(comparison: Comparison, sides: Sides) -> tuple[Block, ...]:
     if not comparison.changes:
         return (Paragraph("Nothing: the two documents say the same."),)
-    rows = [
-        Row((entry.name, entry.unit, _show_value(entry.first), _show_value(entry.second), entry.kind, entry.pointer))
-        for entry in comparison.changes
-    ]
     columns = (
-        Column("Field"), Column("Unit"), *map(Column, comparison.names or COLUMNS), Column("What"),
-        Column("Pointer", on=On.SHEET),
-    )  # fmt: skip
+        Column("Field", of=lambda change: change.name),
+        Column("Unit", of=lambda change: change.unit),
+        Column(sides[0].column, of=lambda change: _show_value(change.first)),
+        Column(sides[1].column, of=lambda change: _show_value(change.second)),
+        Column("What", of=lambda change: change.kind),
+        Column("Pointer", on=On.SHEET, of=lambda change: change.pointer),
+    )
     note = "Elements of lists are told by their names or labels. Defaults that were not written out are compared too."
     if comparison.changes_left_out:
         note += f" {comparison.changes_left_out:,} more differ and are left out."
-    return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
+    return (tabulate("Changes", "Fields of the design document that differ", columns, comparison.changes, note),)
 
 
 def _show_value(value: str | None) -> Cell:
@@ -270,96 +235,69 @@ def _show_value(value: str | None) -> Cell:
         return value
 
 
-def _layouts(comparison: Comparison) -> tuple[Block, ...]:
-    first, second = comparison.first, comparison.second
-    return layout_blocks(
-        (second.design, second.score), f"{second.title}: {' over '.join(reversed(_name_both(comparison)))}", "layout",
-        (first.design, first.score), _name_both(comparison)[0],
-    )  # fmt: skip
+def _layouts(first: _Side, second: _Side) -> tuple[Block, ...]:
+    now, before = ((side.report.design, side.report.score) for side in (second, first))
+    title = f"{second.report.title}: {second.called} over {first.called}"
+    return layout_blocks(now, title, "layout", before, first.called)
 
 
-def _budgets(comparison: Comparison) -> Iterator[Block]:
-    decimals = comparison_decimals(comparison.first, comparison.second)
-    for k, difference in enumerate(comparison.differences[:3]):
-        a, b = (
-            next(entry for entry in report.score.targets if entry.name == difference.target)
-            for report in (comparison.first, comparison.second)
-        )
-        name = f"budgets-{k + 1}"
-        svg = draw_budgets(a, b, _name_both(comparison), name, decimals)
-        yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
-        yield _budget_table(comparison.first.score, comparison.second.score, difference.target, k, decimals)
-
-    yield from _curves(comparison, decided_difference(comparison.second, comparison.differences).target)
-
-
-def _curves(comparison: Comparison, target: str) -> Iterator[Figure]:
-    """The quantile that the second design is judged by, over each half-width, for both."""
-    check = tightest_check(comparison.second.score.verdict.checks, target)
-    first, second = (
-        tolerance_curves(load_inside(e.design), target, judgement_of(check))
-        for e in (comparison.first, comparison.second)
-    )
-    if second.curves:
-        svg = draw_tolerances(
-            second,
-            "tolerances",
-            first,
-            (_name_both(comparison)[1], _name_both(comparison)[0]),
-            comparison_decimals(comparison.first, comparison.second),
-        )
+def _budgets(comparison: Comparison, sides: Sides) -> Iterator[Block]:
+    decimals, called = _decimals(comparison), (sides[0].called, sides[1].called)
+    for k, difference in enumerate(comparison.differences[:3], 1):
+        first, second = (side.target(difference.target) for side in sides)
+        svg = draw_budgets(first, second, called, f"budgets-{k}", decimals)
+        caption = f"Target {difference.target}: what each source adds to the spread, by estimate."
+        yield Figure(f"budgets-{k}", svg, caption)
+        yield _budget_table(first, second, "Budgets" if k == 1 else f"Budgets {k}", decimals)
+    target = _decisive(comparison).target
+    judged = judgement_of(tightest_check(comparison.second.score.verdict.checks, target))
+    before, now = (tolerance_curves(load_inside(side.report.design), target, judged) for side in sides)
+    if now.curves:
+        svg = draw_tolerances(now, "tolerances", before, called[::-1], decimals)
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
 
-def _budget_table(first: Score, second: Score, target: str, place: int, decimals: int) -> Table:
-    a, b = (next(entry for entry in score.targets if entry.name == target) for score in (first, second))
-    before, after = ({(e.name, e.component): e for e in single_lines(each.contributors)} for each in (a, b))
-    spreads = [sum(entry.covariance_mm2[k][k] for k in range(3)) for entry in (a, b)]
+def _budget_table(first: TargetScore, second: TargetScore, name: str, decimals: int) -> Table:
+    """Both budgets of a target, line by line; a line that only one of them has is there too."""
+    before, after = ({(e.name, e.component): e for e in single_lines(each.contributors)} for each in (first, second))
+    totals = [sum(target.covariance_mm2[k][k] for k in range(3)) for target in (first, second)]
     rows = []
-    for key in [*after, *(key for key in before if key not in after)]:
+    for key in {**after, **before}:
         pair = (before.get(key), after.get(key))
-        label = source_name(after.get(key) or before[key])
         unit = next((line.unit for line in pair if line is not None and line.unit), "")
-        cells: list[Cell] = [label, unit]
+        cells: list[Cell] = [source_name(after.get(key) or before[key]), unit]
         cells += [None if line is None else line.half_width for line in pair]
-        cells += [
-            None if line is None else (line.variance_share * total) ** 0.5
-            for line, total in zip(pair, spreads, strict=True)
-        ]
+        each = zip(pair, totals, strict=True)
+        cells += [None if line is None else (line.variance_share * total) ** 0.5 for line, total in each]
         cells += [None if line is None else line.variance_share for line in pair]
         cells += [None if line is None else line.p95_without_mm for line in pair]
         rows.append(Row(tuple(cells)))
-    return Table(
-        "Budgets" if place == 0 else f"Budgets {place + 1}",
-        f"Budgets at target {target}, by estimate",
-        (
-            Column("Contributor"), Column("Unit"),
-            Column("Half-width, first", "unit", "significant"), Column("Half-width, second", "unit", "significant"),
-            Column("Std, first", "mm", "fixed", decimals), Column("Std, second", "mm", "fixed", decimals),
-            Column("Share, first", "%", "percent", 1), Column("Share, second", "%", "percent", 1),
-            Column("P95 without, first", "mm", "fixed", decimals),
-            Column("P95 without, second", "mm", "fixed", decimals),
-        ),
-        tuple(rows),
-        "Std: of the error at the target from this source alone, all three axes together. Shares are of each design's "
-        "own variance.",
+    which = ("first", "second")
+    columns = (
+        Column("Contributor"), Column("Unit"), *(Column(f"Half-width, {w}", "unit", "significant") for w in which),
+        *(Column(f"Std, {w}", "mm", "fixed", decimals) for w in which),
+        *(Column(f"Share, {w}", "%", "percent", 1) for w in which),
+        *(Column(f"P95 without, {w}", "mm", "fixed", decimals) for w in which),
     )  # fmt: skip
+    note = (
+        "Std: of the error at the target from this source alone, all three axes together. Shares are of each design's "
+        "own variance."
+    )
+    return Table(name, f"Budgets at target {second.name}, by estimate", columns, tuple(rows), note)
 
 
-def _verdict_blocks(comparison: Comparison) -> tuple[Block, ...]:
+def _verdict_blocks(sides: Sides) -> tuple[Block, ...]:
     blocks: list[Block] = []
-    for place, which, report in zip(
-        COLUMNS, _name_both(comparison), (comparison.first, comparison.second), strict=True
-    ):
-        verdict = (report.verification or report.score).verdict
+    for side in sides:
+        place, verdict = side.place.lower(), side.verdict
         if verdict.checks:
-            blocks.append(checks_table(verdict, name=f"Checks, {place.lower()}", of=f" of {_the(which)}"))
+            blocks.append(checks_table(verdict, name=f"Checks, {place}", of=f" of {side.the}"))
         if verdict.findings:
-            blocks.append(findings_table(verdict.findings, name=f"Findings, {place.lower()}", of=f" on {_the(which)}"))
+            blocks.append(findings_table(verdict.findings, name=f"Findings, {place}", of=f" on {side.the}"))
     return tuple(blocks) or (Paragraph("Neither design states a requirement, and nothing was found."),)
 
 
-def _method(comparison: Comparison) -> tuple[Block, ...]:
+def _method(comparison: Comparison, sides: Sides) -> tuple[Block, ...]:
     paired = "Nothing was drawn: differences are to first order and have no interval."
     if comparison.compared_trials is not None:
         paired = (
@@ -371,19 +309,15 @@ def _method(comparison: Comparison) -> tuple[Block, ...]:
     elif comparison.first.verification is not None:
         paired = "Too few trials were drawn for an interval of the difference: differences are to first order."
     blocks: list[Block] = [Bullets((paired,))]
-    for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True):
-        blocks.append(Paragraph(f"{_begin(which)}:"))
-        blocks += method_chapter(report)
+    for side in sides:
+        blocks += [Paragraph(f"{_begin(side.called)}:"), *method_chapter(side.report)]
     return tuple(blocks)
 
 
 def _trials(comparison: Comparison) -> int:
     """Of each design's check."""
-    return (
-        comparison.compared_trials or 0
-        if comparison.second.verification is None
-        else comparison.second.verification.trials
-    )
+    check = comparison.second.verification
+    return comparison.compared_trials or 0 if check is None else check.trials
 
 
 def _compared_trials(comparison: Comparison) -> str:
@@ -401,17 +335,17 @@ def _reproduction(second: Report) -> tuple[Block, ...]:
     return (Listing("\n".join(second.reproduction.commands), "Commands"), Paragraph(words))
 
 
-def _provenance(comparison: Comparison, sha256: str) -> Facts:
+def _provenance(comparison: Comparison, sides: Sides, sha256: str) -> Facts:
     pairs = []
-    for which, report in zip(_name_both(comparison), (comparison.first, comparison.second), strict=True):
-        pairs.append((_begin(which), report.title))
-        pairs.append((f"SHA-256 of {_the(which)}", report.provenance.design_sha256 or "not known"))
-    made = comparison.second
-    seed = [] if made.reproduction.seed is None else [("Seed of both", str(made.reproduction.seed))]
+    for side in sides:
+        pairs.append((_begin(side.called), side.report.title))
+        pairs.append((f"SHA-256 of {side.the}", side.report.provenance.design_sha256 or "not known"))
+    seed = comparison.second.reproduction.seed
     return Facts(
         "Provenance",
         (
-            *pairs, *seed, ("SHA-256 of this record", sha256), ("Record", comparison.schema),
-            ("Computed by", f"tailstack {made.provenance.tailstack_version}"),
+            *pairs, *(() if seed is None else (("Seed of both", str(seed)),)), ("SHA-256 of this record", sha256),
+            ("Record", comparison.schema),
+            ("Computed by", f"tailstack {comparison.second.provenance.tailstack_version}"),
         ),
     )  # fmt: skip

@@ -63,7 +63,7 @@ from ...rendering.sentences import (
     units_sentence,
     views_sentence,
 )
-from ..charts import PHONE, Scaled, draw_levers, draw_scale, draw_shares
+from ..charts import PHONE, draw_levers, draw_scale, draw_shares
 from ..dots import dots_blocks
 from ..headline import headline_of
 from ..live_budget import live_budget
@@ -322,15 +322,11 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     targets: what the headline was found with, first order or Monte Carlo; mean and CVaR beside the value are those of
     its own distribution.  What units keep has another, of which these are not known.
     """
-    shown = Scaled(
-        headline.target, headline.value, headline.interval, headline.limit, _beside(headline, targets),
-        headline.headline, headline.error, decimals, own_unit=headline.unit,
-    )  # fmt: skip
     of_error = headline.unit == MEASURE[headline.error].unit
     size = f"{f'Size of {ERRORS[headline.error]}' if of_error else headline.headline}, target {headline.target}"
     caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
-    narrow = partial(draw_scale, shown, "headline-narrow", PHONE)
-    return Figure("headline", partial(draw_scale, shown, "headline"), caption, narrow)
+    draw = partial(draw_scale, headline, _beside(headline, targets), decimals=decimals)
+    return Figure("headline", partial(draw, "headline"), caption, partial(draw, "headline-narrow", PHONE))
 
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 from tailstack.results.digits import RESOLUTION_MM, in_percent, length, number, percent
@@ -16,7 +14,6 @@ from ...rendering.blocks import (
     Bullets,
     Document,
     Facts,
-    Figure,
     KeyNumber,
     Listing,
     Paragraph,
@@ -26,7 +23,6 @@ from ...rendering.blocks import (
     tone_of,
 )
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
-from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers, measures_blocks
 from .tables import closing_sections, provenance_facts, verdict_blocks
@@ -35,14 +31,6 @@ from .tables import closing_sections, provenance_facts, verdict_blocks
 def verification_document(check: Verification, sha256: str) -> Document:
     """A check by itself."""
     headline, decimals = checked_headline(check), check.decimals
-    figures = []
-    for k, target in enumerate(sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True)[:3]):
-        name = f"scale-{k + 1}"
-        limit = target.exceedance.limit_mm if target.exceedance else None
-        others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
-        shown = Scaled(target.name, target.p95_mm, target.p95_interval_mm, limit, others, decimals=decimals)
-        draw = partial(draw_scale, shown, name)
-        figures.append(Figure(name, draw, f"Error at target {target.name}: the bar is the interval of P95."))
     numbers = [
         *key_numbers(headline, decimals),
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
@@ -64,7 +52,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 (
                     group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
                     *measures_blocks(check),
-                    group(*verdict_blocks(check.verdict), *figures, on=PAPER),
+                    group(*verdict_blocks(check.verdict), on=PAPER),
                     group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
                 ),
             ),
