@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 
     from .half_widths import Judgement, ToleranceCurve, ToleranceCurves
     from .matplotlib_svg import Chart
-    from .records import ErrorDistribution, Headline
+    from .records import Allowance, ErrorDistribution, Headline
 
 BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
-BETTER, WITHIN, BEYOND = "#176332", "#e4f1e8", "#f9e4e2"
+WITHIN, BEYOND = "#e4f1e8", "#f9e4e2"
 MOST_BARS = 12
 RING: dict[str, Any] = {"markerfacecolor": "#ffffff", "markersize": 6.4}
 LEFT, RIGHT = 62, WIDTH - 22
@@ -220,70 +220,61 @@ def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[f
 
 COLUMNS, PANEL = 3, (38, 188, 84)  # of small pictures; in one: room for numbers, width and height of the plot
 CAP = 1.6  # the scale ends at so many times what the quantile is: steeper curves leave it
-OTHER_COLOUR = "#7a7a7a"
+NEVER = "zero is not enough"  # as an allowance has it
 
 
 def draw_tolerances(
-    shown: ToleranceCurves,
-    name: str = "tolerances",
-    other: ToleranceCurves | None = None,
-    called: Pair = ("this design", "the other"),
-    decimals: int = 3,
+    shown: ToleranceCurves, allowances: Sequence[Allowance] = (), name: str = "tolerances", decimals: int = 3
 ) -> str:
     """One small picture per source, steepest first; the dot is the design as it is.
 
-    ``other``: the same of another design, drawn dashed where it has the same source; ``called``: what the two are.
+    allowances: where each source meets the limit, of the record.
     """
-    others = {} if other is None else {(curve.contributor, curve.component): curve for curve in other.curves}
+    known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == shown.target}
     names = [broken(source_name(curve), 34) for curve in shown.curves]
     rows = [names[k : k + COLUMNS] for k in range(0, len(names), COLUMNS)]
     heads = [LINE * (max(map(len, row)) - 1) for row in rows]  # what long names take
-    low, high = _ends(shown, other)
-    height = sum(heads) + 158 * len(rows) + (42 if other is None else 58)
-    with open_page(name, height) as page:
+    low, high = _ends(shown)
+    with open_page(name, sum(heads) + 158 * len(rows) + 42) as page:
         top = 4.0
         for row, lines in enumerate(rows):
             top += heads[row]
             for column, words in enumerate(lines):
                 curve = shown.curves[row * COLUMNS + column]
-                second = others.get((curve.contributor, curve.component))
+                own = known.get((curve.contributor, curve.component))
                 left = (WIDTH // COLUMNS) * column
                 for k, line in enumerate(words):
                     page.say(left + 8, top + 12 + LINE * (k + 1 - len(words)), line, weight="bold")
-                colour = {"never": LIMIT_COLOUR, "always": BETTER}.get(curve.meets, INK)
-                page.say(left + 8, top + 27, _met(curve), color=colour)
+                never = own is not None and own.status == NEVER
+                page.say(left + 8, top + 27, _met(curve, own), color=LIMIT_COLOUR if never else INK)
                 axes = page.axes(left + PANEL[0], top + 38, left + PANEL[0] + PANEL[1], top + 38 + PANEL[2])
                 axes.set_ylim(low, high)
-                _panel(axes, shown, curve, None if other is None or second is None else (other, second))
+                _panel(axes, shown, curve, None if own is None else own.at_limit)
             top += 158
-        _explain_tolerances(page, shown, other, called, top + 12, decimals)
+        _explain_tolerances(page, shown, top + 12, decimals)
         title = (
             f"{_headline(shown.judgement, ERRORS[shown.judgement.error])} at target {shown.target} over each half-width"
         )
-        return page.svg(title, _words(shown, decimals))
+        return page.svg(title, _words(shown, known, decimals))
 
 
 def _headline(judgement: Judgement, of: str = "") -> str:
     return headline_of(judgement.quantile, judgement.units_fraction, of, risk=judgement.risk)
 
 
-def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:
+def _ends(shown: ToleranceCurves) -> tuple[float, float]:
     """Of the upward scale that all the small pictures have."""
-    both = [shown, *([] if other is None else [other])]
-    values = [value for each in both for curve in each.curves for value in curve.quantile_mm]
-    now = [each.quantile_mm for each in both]
-    limits = [each.judgement.limit_mm for each in both if each.judgement.limit_mm is not None]
-    visible = [limit for limit in limits if limit < 2 * CAP * max(now)]
-    cap = max([CAP * max(now), *(1.1 * limit for limit in visible)])
-    high, low = min(max([*values, *now, *visible]), cap), min([*values, *now, *visible])
+    values = [shown.quantile_mm, *(value for curve in shown.curves for value in curve.quantile_mm)]
+    limit = shown.judgement.limit_mm
+    visible = [limit] if limit is not None and limit < 2 * CAP * shown.quantile_mm else []
+    cap = max([CAP * shown.quantile_mm, *(1.1 * limit for limit in visible)])
+    high, low = min(max([*values, *visible]), cap), min([*values, *visible])
     pad = 0.07 * max(high - low, 1e-6 * high, 1e-9)
     return max(low - pad, 0.0), high + pad
 
 
-def _panel(
-    axes: Axes, shown: ToleranceCurves, curve: ToleranceCurve, second: tuple[ToleranceCurves, ToleranceCurve] | None
-) -> None:
-    widest = max(curve.half_widths[-1], second[1].half_widths[-1] if second else 0.0)
+def _panel(axes: Axes, shown: ToleranceCurves, curve: ToleranceCurve, at_limit: float | None) -> None:
+    widest = curve.half_widths[-1]
     ticks = [widest * k / 3 for k in range(4)]
     axes.set_xlim(0, widest)
     axes.set_xticks(ticks, [*(f"{tick:.3g}" for tick in ticks[:3]), ""])
@@ -291,40 +282,30 @@ def _panel(
     axes.xaxis.grid(False)
     axes.spines["bottom"].set_visible(False)
     axes.patch.set(facecolor="#ffffff", edgecolor=FAINT, linewidth=0.7)
-    limit = shown.judgement.limit_mm
+    limit, met = shown.judgement.limit_mm, at_limit if at_limit is not None and at_limit <= widest else None
     if limit is not None:
         axes.axhline(limit, color=LIMIT_COLOUR, linewidth=1.4, linestyle=DASHED)
-        if curve.largest is not None:
-            axes.plot([curve.largest] * 2, [0, limit], color=LIMIT_COLOUR, linewidth=1, linestyle=DOTTED)
-    if second is not None:
-        other, its = second
-        axes.plot(its.half_widths, its.quantile_mm, color=OTHER_COLOUR, linestyle=SHORT)
-        _dot(axes, its.half_width, other.quantile_mm, "#ffffff", OTHER_COLOUR)
+        if met is not None:
+            axes.plot([met] * 2, [0, limit], color=LIMIT_COLOUR, linewidth=1, linestyle=DOTTED)
     axes.plot(curve.half_widths, curve.quantile_mm, color=VALUE_COLOUR)
-    if limit is not None and curve.largest is not None:
-        axes.plot(curve.largest, limit, "D", markersize=8.4, markerfacecolor="#ffffff", markeredgecolor=LIMIT_COLOUR)
-    _dot(axes, curve.half_width, shown.quantile_mm, VALUE_COLOUR, VALUE_COLOUR)
+    if limit is not None and met is not None:
+        axes.plot(met, limit, "D", markersize=8.4, markerfacecolor="#ffffff", markeredgecolor=LIMIT_COLOUR)
+    axes.plot(
+        curve.half_width, shown.quantile_mm, "o", color=VALUE_COLOUR, markersize=7.2, markeredgewidth=1.4, clip_on=False
+    )
 
 
-def _dot(axes: Axes, x: float, y: float, fill: str, edge: str) -> None:
-    axes.plot(x, y, "o", markersize=7.2, markerfacecolor=fill, markeredgecolor=edge, markeredgewidth=1.4, clip_on=False)
-
-
-def _met(curve: ToleranceCurve) -> str:
+def _met(curve: ToleranceCurve, own: Allowance | None) -> str:
     """What it is, and how far it may go."""
     now = f"{'σ' if curve.unit == 'px' else '±'} {curve.half_width:.3g} {curve.unit}"
-    if curve.meets == "no limit":
+    if own is None or own.status == "no requirement":
         return now
-    if curve.meets == "never":
-        return f"{now}; 0 does not meet the limit"
-    if curve.meets == "always":
-        return f"{now}; within the limit at 3 times"
-    return f"{now}; limit met up to {curve.largest:.3g} {curve.unit}"
+    if own.at_limit is None:
+        return f"{now}; {'0 does not meet the limit' if own.status == NEVER else 'within the limit however wide'}"
+    return f"{now}; limit met up to {own.at_limit:.3g} {curve.unit}"
 
 
-def _explain_tolerances(
-    page: Chart, shown: ToleranceCurves, other: ToleranceCurves | None, called: Pair, y: float, decimals: int
-) -> None:
+def _explain_tolerances(page: Chart, shown: ToleranceCurves, y: float, decimals: int) -> None:
     line_of = page.sample
     marks = [(line_of(color=VALUE_COLOUR), _headline(shown.judgement))]
     marks.append(
@@ -338,18 +319,15 @@ def _explain_tolerances(
     if shown.left_out:
         sentence += f" {shown.left_out} more sources change less."
     page.say(8, y + 17, sentence, color=MUTED)
-    if other is not None:
-        names = [printable(words, 40) for words in called]
-        page.say(8, y + 33, f"Solid: {names[0]}; dashed, hollow dot: {names[1]}.", color=MUTED)
 
 
-def _words(shown: ToleranceCurves, decimals: int) -> str:
+def _words(shown: ToleranceCurves, known: Mapping[tuple[str, str], Allowance], decimals: int) -> str:
     def written(value: float) -> str:
         return f"{value:.{decimals}f} mm"
 
     listed = "; ".join(
-        f"{source_name(curve)} {_met(curve)}, {written(curve.quantile_mm[0])} at 0 and "
-        f"{written(curve.quantile_mm[-1])} at three times"
+        f"{source_name(curve)} {_met(curve, known.get((curve.contributor, curve.component)))}, "
+        f"{written(curve.quantile_mm[0])} at 0 and {written(curve.quantile_mm[-1])} at three times"
         for curve in shown.curves
     )
     limit = shown.judgement.limit_mm

@@ -97,9 +97,6 @@ class ToleranceCurve:
     half_width: float  # as it is
     half_widths: tuple[float, ...]
     quantile_mm: tuple[float, ...]  # at those
-    # The largest half-width that meets the limit: null where even none does, or where no limit is stated or met by all
-    largest: float | None
-    meets: Literal["always", "up to largest", "never", "no limit"]  # within the range that was looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +136,6 @@ def tolerance_curves(
 def _curve(model: LinearModel, line: BudgetEntry, judgement: Judgement, now: float) -> ToleranceCurve:
     values = [now if factor == 1.0 else judgement.quantile_mm(model, line, factor) for factor in FACTORS]
     width, unit = half_width_of(line)
-    meets: Literal["always", "up to largest", "never", "no limit"] = "no limit"
-    largest = None
-    if judgement.limit_mm is not None:
-        within = [value <= judgement.limit_mm for value in values]
-        meets = "always" if all(within) else "up to largest" if within[0] else "never"
-        if meets == "up to largest":
-            k = within.index(False)
-            largest = width * judgement.factor_at_limit(model, line, FACTORS[k - 1], FACTORS[k])
     return ToleranceCurve(
         contributor=line.block.contributor,
         component=line.component,
@@ -155,8 +144,6 @@ def _curve(model: LinearModel, line: BudgetEntry, judgement: Judgement, now: flo
         half_width=width,
         half_widths=tuple(width * factor for factor in FACTORS),
         quantile_mm=tuple(values),
-        largest=largest,
-        meets=meets,
     )
 
 

@@ -21,12 +21,11 @@ from tailstack.results.verdicts import (
 )
 
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
-from ..charts import draw_budgets, draw_errors, draw_tolerances
+from ..charts import draw_budgets, draw_errors
 from ..dots import draw_dots, say_misses
-from ..half_widths import judgement_of, tolerance_curves
-from ..headline import comparison_decimals, decided_difference, difference_decimals, tightest_check
+from ..headline import comparison_decimals, decided_difference, difference_decimals
 from ..records import Comparison, Difference, Report
-from .layout import layout_blocks, load_inside
+from .layout import layout_blocks
 from .optimisation import design_listing
 from .report import method_chapter
 from .review import review_sections
@@ -249,12 +248,6 @@ def _budgets(comparison: Comparison, sides: Sides) -> Iterator[Block]:
         caption = f"Target {difference.target}: what each source adds to the spread, by estimate."
         yield Figure(f"budgets-{k}", svg, caption)
         yield _budget_table(first, second, "Budgets" if k == 1 else f"Budgets {k}", decimals)
-    target = _decisive(comparison).target
-    judged = judgement_of(tightest_check(comparison.second.score.verdict.checks, target))
-    before, now = (tolerance_curves(load_inside(side.report.design), target, judged) for side in sides)
-    if now.curves:
-        svg = draw_tolerances(now, "tolerances", before, called[::-1], decimals)
-        yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
 
 def _budget_table(first: TargetScore, second: TargetScore, name: str, decimals: int) -> Table:

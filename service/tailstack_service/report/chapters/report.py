@@ -97,7 +97,9 @@ def budget_chapter(report: Report) -> tuple[Block, ...]:
         if curves.curves:
             name = f"tolerances-{k + 1}"
             caption = f"Target {target.name}: the estimated error over each half-width, the others as they are."
-            blocks.append(Figure(name, draw_tolerances(curves, name, decimals=report.score.decimals), caption))
+            blocks.append(
+                Figure(name, draw_tolerances(curves, report.allowances, name, report.score.decimals), caption)
+            )
     return tuple(blocks)
 
 
