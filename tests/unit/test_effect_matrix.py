@@ -93,6 +93,10 @@ def subject(name: str) -> Subject:
     return Subject(KINDS[name])
 
 
+def is_half_width(place: tuple[str | int, ...]) -> bool:
+    return next(step for step in reversed(place) if isinstance(step, str)).startswith("half_width")
+
+
 def p95_of(data: dict[str, Any]) -> float:
     return score(load_design(data), losses=False).targets[0].p95_mm
 
@@ -150,10 +154,14 @@ def meet_optimiser(own: Subject, folder: Path) -> None:
 
 
 def meet_derivative(own: Subject, folder: Path) -> None:
-    function, step = DesignFunction(own.design, [COORDINATE]), 1e-3
-    at = own.data["fiducials"]["points"][0]["position_mm"][0]
-    below, above = (function.score([at + k * step], losses=False).targets[0].p95_mm for k in (-1, 1))
-    assert float(function.p95_gradient([at])[1][0]) == pytest.approx((above - below) / (2 * step), rel=1e-3, abs=1e-7)
+    """By a coordinate of a bead, and by every half-width of the effect."""
+    widths = ["/" + "/".join(map(str, place)) for place in own.places if is_half_width(place)]
+    function, step = DesignFunction(own.design, [COORDINATE, *widths]), 1e-3
+    slopes = function.p95_gradient(function.present)[1]
+    for at, slope in zip(np.eye(1 + len(widths)), slopes, strict=True):
+        away = step * at * np.where(np.arange(len(at)) > 0, function.present, 1.0)
+        below, above = (function.score(function.present + k * away, losses=False).targets[0].p95_mm for k in (-1, 1))
+        assert slope == pytest.approx((above - below) / (2 * away.sum()), rel=1e-3, abs=1e-7)
 
 
 def meet_batch(own: Subject, folder: Path) -> None:

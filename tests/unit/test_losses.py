@@ -162,15 +162,6 @@ def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
     assert "view view1 is left with 5" in found.single.reason
 
 
-def test_a_rest_in_one_plane_is_the_worst_of_all_and_said_so():
-    plate = [[x, y, 0.0] for x in (-40, 0, 40) for y in (-40, 40)]
-    system = system_of(np.array([*plate, [10.0, 5.0, -50.0], [-20.0, 10.0, 40.0]]) + np.array([0, 0, -40.0]))
-    (found,) = score(system).losses
-    assert found.double.lost == ("F7", "F8")
-    assert found.double.value is None
-    assert "in one plane" in found.double.reason
-
-
 def test_a_limit_that_a_loss_breaks_is_not_kept():
     names = tuple(target.name for target in cube8_system().targets)
     limited = replace(cube8_system(), requirements=(Requirement("tip", "tcp", 0.95, 0.3, 0.95, names),))

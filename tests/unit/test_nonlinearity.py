@@ -93,26 +93,6 @@ def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None
     return np.array(out)
 
 
-def test_every_gain_of_a_matrix_equals_the_difference_of_two_estimates():
-    """independent: each image moved by +-0.02 px, resection by SVD; compared is what has no gauge, P by the depth of
-    the centroid."""
-    _, matrices, points, _ = scene(2)
-    centre = points.mean(axis=0)
-    for m in matrices:
-        about = m @ np.block([[np.eye(3), centre[:, None]], [np.zeros((1, 3)), 1.0]])
-        image = about[:2, 3] / about[2, 3]
-
-        def centred(estimates, image=image):
-            p = estimates[0] @ np.block([[np.eye(3), centre[:, None]], [np.zeros((1, 3)), 1.0]])
-            p[:2] -= image[:, None] * p[2]
-            return (p / p[2, 3]).ravel()
-
-        expected = derivatives([m], points, [1000.0], centred).reshape(len(points), 2, 12) * about[2, 3]
-        found = matrix_gains(m, points, np.ones(len(points))).transpose(1, 2, 0)
-        for part in (slice(0, 4), slice(4, 8), slice(8, 12)):
-            assert np.allclose(found[..., part], expected[..., part], atol=2e-4 * np.abs(expected[..., part]).max())
-
-
 @pytest.mark.parametrize(("views", "azimuth"), [(2, 0.02), (2, 0.3), (2, 1.5), (3, 0.8)])
 def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth):
     """independent: plain DLTs by SVD, slopes of the estimated projections along the weakest direction; manufacturing

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_design_function import difference_by
 
 from plain_data import DEMO, REMOVED, problems_of, replaced
 from scenes import projection_looking
@@ -221,27 +220,6 @@ def test_a_temperature_needs_the_seat_of_the_connector() -> None:
     heated = replaced(DEMO | {"temperature": HEAT}, ("interfaces", "connector_flange"), REMOVED)
     problem = problems_of(load_design, heated)[0]
     assert (problem.pointer, problem.code) == ("/temperature/flange_seat_mm", "missing-field")
-
-
-@pytest.mark.parametrize("estimator", ["dlt", "pose"])
-def test_the_derivative_of_p95_with_all_of_them_is_that_of_differences(estimator: str) -> None:
-    """independent: scores at two points on either side."""
-
-    def change(data: dict[str, Any]) -> None:
-        everything(data)
-        data["model"] = {"estimator": estimator}
-
-    inputs = [
-        "fiducials.points.F6.position_mm.2",
-        "views.AP.fiducial_noise_px",
-        "views.LAT.motion.tolerances.rx.half_width_deg",
-        "temperature.half_width_k",
-    ]
-    function = DesignFunction(demo(change), inputs)
-    _, gradient = function.p95_gradient(function.present)
-    for k, step in enumerate((0.2, 3e-3, 4e-3, 0.1)):
-        difference = difference_by(function, k, step)
-        assert gradient[k] == pytest.approx(difference, rel=1e-6, abs=2e-8 / step), inputs[k]  # error of a score
 
 
 @pytest.mark.parametrize("path", ["temperature.difference_k", "fiducials.diameter_mm"])

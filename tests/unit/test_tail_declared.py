@@ -358,9 +358,7 @@ SPREAD = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]]
 TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 PLANE = TURN @ np.diag([0, 0.09, 0.02]) @ TURN.T
 TWO_SOURCES = {
-    "long": linear_law(
-        [0.3, -0.2, 0.5], SPREAD, np.array([[0.6, 0.1], [-0.2, 0.5], [0.1, 0.4]]), [UNIFORM, TRIANGULAR]
-    ),
+    "long": SKEWED,
     "short": linear_law([0.1, 0.4, 0.2], SPREAD, np.array([[0.05, 0.02], [-0.02, 0.07], [0.03, 0.09]])),
     "plane": linear_law(
         TURN @ [0.4, 0.1, -0.3], PLANE, TURN @ [[0, 0], [0.6, 0.2], [-0.3, 0.5]], [UNIFORM, TRIANGULAR]

@@ -6,22 +6,15 @@ for it those tests of the other estimators that run over all values.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import shutil
-import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from family import run_python
-from scenes import cube_fiducials, system_of, with_intrinsics
-from tailstack.propagation.linear import covariance, linearise
-from tailstack.system import Estimator
 from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -157,28 +150,6 @@ def edited(file: str, folder: Path) -> str:
             assert content.count(text) == 1, (file, text)
             content = content.replace(text, other)
     return content
-
-
-def test_its_row_alone_gives_it_a_first_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """closed form: every unknown more adds to the covariance, and what is sought does not count where it is wrong."""
-    (tmp_path / "system.py").write_text(edited("system.py", ROOT / "solver" / "tailstack"), encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("tailstack.system_with_toy", tmp_path / "system.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, module)
-    spec.loader.exec_module(module)
-    toy = module.Estimator.POSE_AND_FOCAL
-    assert (toy.traits.seeks_pose, toy.traits.free_intrinsics, toy.believes_intrinsics) == (True, 1, True)
-    cube = system_of(cube_fiducials(30))
-
-    def scatter(estimator: Any, *wrong: float) -> float:
-        system = with_intrinsics(replace(cube, estimator=estimator), wrong or (0.0,) * 3)
-        return float(np.trace(covariance(linearise(system, system.targets[0]), "tcp")))
-
-    assert scatter(Estimator.POSE) < scatter(toy) < scatter(Estimator.DLT)
-    assert scatter(toy, 0.05, 0.0, 0.0) == pytest.approx(scatter(toy), rel=1e-9)
-    assert scatter(toy, 0.0, 20.0, 20.0) > 1.001 * scatter(toy)
 
 
 @pytest.fixture(scope="module")
