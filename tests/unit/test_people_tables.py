@@ -179,27 +179,7 @@ def test_a_row_above_the_others_is_no_remark_and_no_title(above: str, line: int)
     assert refused(above + "A1,1,2,3\nA2,4,5,6\n")[0] == line
 
 
-def test_what_ndi_marks_as_missing_is_no_length() -> None:
-    row = ",".join(["-3.697314E+028"] * 3)
-    found = read(f"label,x_mm,y_mm,z_mm\nA,1,2,3\nB,{row}\n")
-    assert (found.labels, found.positions_mm) == (("A",), ((1, 2, 3),))
-    assert any("B (missing)" in note for note in found.notes)
-    measured = read_measurements(f"x_mm,y_mm,z_mm\n1,2,3\n{row}\n4,5,6\n7,8,9\n".encode(), ("tip",), "b.csv")
-    assert measured.rows == 3
-    assert any("NDI" in note and "line 3" in note for note in measured.notes)
-
-
 # --- spreadsheets -----------------------------------------------------------------------------------------
-
-
-def test_a_spreadsheet_s_files() -> None:
-    assert read_file("sep.csv").positions_mm[0] == (-24.5, -27.75, -70)
-    found = read_file("ansi.csv")
-    assert found.positions_mm[0] == pytest.approx((-24.5, -27.75, -70))
-    assert any("Windows-1252" in note for note in found.notes)
-    line, _, hint = refused((FILES / "comma_comma.csv").read_bytes())
-    assert line == 2
-    assert "point" in hint
 
 
 @pytest.mark.parametrize(("text", "line", "cure"), [
