@@ -222,32 +222,6 @@ def test_two_of_a_kind_and_different_ones_are_told_one_by_one(
     assert "more like it" not in told
 
 
-# --- remarks through the routes -----------------------------------------------------------------------------
-
-
-def test_an_implausible_value_is_remarked_by_every_way_in(
-    client: httpx.Client, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    path = written(tmp_path, "rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0.0017,")
-    at = "/interfaces/structure_connector/tolerances/rx/half_width_deg"
-    for verb in ("validate", "score"):
-        assert main([verb, str(path)]) in (0, 1)
-        assert "finer than a kinematic coupling" in " ".join(capsys.readouterr().out.split())
-    validation = client.post("/v1/validations", content=path.read_bytes(), headers=YAML).json()
-    score = client.post("/v1/scores", content=path.read_bytes(), headers=YAML).json()
-    gate = client.post(
-        "/v1/gates", json={"designs": [{"file": "a", "text": path.read_text(encoding="utf-8")}], "mode": "analytic"}
-    ).json()
-    for findings, rule in (
-        (validation["findings"], "half-width-too-fine"),
-        (score["verdict"]["findings"], "half-width-too-fine"),
-        (gate["findings"], "plausibility"),
-    ):
-        (met,) = [each for each in findings if each["rule"] == rule]
-        assert (met["severity"], met["pointer"]) == ("warning", at)
-        assert "If radians were meant, write 0.0974" in met["message"]
-
-
 def test_the_page_on_designs_lists_every_remark() -> None:
     page = (ROOT / "docs" / "design.md").read_text()
     table = page.partition("## What is remarked as implausible")[2].partition("\n## ")[0]

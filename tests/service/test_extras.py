@@ -468,20 +468,6 @@ def test_without_a_font_the_package_is_named(tmp_path: Path, monkeypatch: pytest
         CHECKS["pdf"]()
 
 
-def test_a_missing_font_is_no_defect_of_the_service(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from tailstack_service.problems import problem_document
-
-    monkeypatch.setattr(pdf, "count_fonts", lambda: 0)
-    with pytest.raises(PdfUnavailable) as refusal:
-        pdf.load_weasyprint()
-    assert problem_document(refusal.value, instance="/v1/reports").status == 501
-    monkeypatch.setattr("tailstack_service.cli.db.run", lambda _: pdf.load_weasyprint())
-    assert main(["db", "check"]) == 3
-    assert "tailstack db: PDF cannot be written here" in capsys.readouterr().err
-
-
 @pytest.mark.long
 def test_a_report_without_a_font_is_refused_and_not_killed(tmp_path: Path) -> None:
     file = tmp_path / "x.pdf"

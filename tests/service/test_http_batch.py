@@ -162,7 +162,6 @@ def test_a_unit_refuses_its_table_as_the_request_that_it_is_of() -> None:
     ("form", "text", "line", "said"),
     [
         ("csv", f"{NOISE}\n0.3\n0,3\n", 3, "with a point: 0.3"),
-        ("csv", "noise\n1\n", 1, "like a number of the design"),
         ("csv", f"{NOISE}\n", None, "no rows"),
         ("csv", f"a,{NOISE}x,0.3y,0.4", 1, "--data-binary @FILE keeps them"),
         ("csv", f"{NOISE}0.30.4", 1, "--data-binary @FILE keeps them"),

@@ -415,17 +415,6 @@ def test_the_hook_stops_a_commit_that_fails_and_lets_one_pass(project: Path) -> 
 # --- the worked example and the page --------------------------------------------------------------
 
 
-def test_the_example_holds_what_it_says(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(repository(tmp_path / "guides"))
-    options = ("--policy", "policy.yaml", "--waivers", "waivers.yaml")
-    codes = {name: main(["gate", f"{name}.yaml", *options]) for name in ("pass", "fail", "waived")}
-    assert codes == {"pass": 0, "fail": 1, "waived": 0}
-    assert main(["gate", "waived.yaml", "--policy", "policy.yaml", "--mode", "analytic"]) == 1
-    capsys.readouterr()
-
-
 def test_the_waivers_of_the_example_were_within_their_days() -> None:
     """Read on the first day on which they may be: nothing here fails on the day after the last."""
     (waiver,) = yaml.safe_load((EXAMPLE / "waivers.yaml").read_text(encoding="utf-8"))["waivers"]

@@ -43,7 +43,7 @@ from tailstack_service.report.charts import (
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, allowances, tolerance_curves
 from tailstack_service.report.images import draw_images
 from tailstack_service.report.records import ErrorDistribution, Headline
-from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of, semi_axes
+from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of
 from tailstack_service.report.scene_picture import CIRCLE, draw_scene
 from tailstack_service.report.svg import WIDTH
 
@@ -161,20 +161,6 @@ def test_where_fiducials_tell_most_balls_have_their_share_as_volume() -> None:
     np.testing.assert_allclose(whole, 2 * eighth)
     assert "where fiducials tell most" in draw_scene(found)
     assert not [item for item in scene_of(design, None, design.name).items if item.layer == "worthy"]
-
-
-def test_an_ellipsoid_holds_95_percent_of_a_gaussian() -> None:
-    """sampled: seed 3, 200,000 draws, five standard errors; published: chi-squared with three degrees of freedom."""
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(3, 3))
-    covariance = root @ root.T
-    axes = semi_axes(covariance)
-    np.testing.assert_allclose(axes.T @ axes, chi2.ppf(0.95, 3) * covariance, rtol=1e-12)
-    draws = rng.multivariate_normal(np.zeros(3), covariance, 200_000)
-    lengths = np.linalg.norm(axes, axis=1)
-    inside = (((draws @ axes.T) / lengths**2) ** 2).sum(axis=1) <= 1
-    assert abs(inside.mean() - 0.95) < 5 * sqrt(0.95 * 0.05 / 200_000)
-    assert lengths[0] >= lengths[1] >= lengths[2]
 
 
 def test_errors_stand_in_con_magnified_about_target_and_bias() -> None:

@@ -197,14 +197,6 @@ def test_cancelling_takes_effect_at_once_and_once(store: Database, clock: Clock)
     assert find(store, job) == cancelled
 
 
-def test_a_finished_job_is_not_cancelled(store: Database) -> None:
-    job = submit(store)
-    finish(store)
-    done = find(store, job)
-    assert jobs.cancel_job(store, "acme", job.id) == done
-    assert done.state == "succeeded"
-
-
 def test_events_tell_the_whole_story_and_resume_anywhere(store: Database, clock: Clock) -> None:
     job = submit(store)
     clock.advance(10)

@@ -17,7 +17,6 @@ from xml.etree import ElementTree
 
 import openpyxl
 import pytest
-from pypdf import PdfReader
 from service_scenes import sound_design
 
 from tailstack import load_design, score, verify
@@ -189,18 +188,6 @@ def test_a_spreadsheet_has_them_as_numbers(report: bytes, checks: dict[str, dict
             assert [row[number] for number in numbers] == pytest.approx(expected, rel=1e-15)
             assert (row["Status"] == "pass") == (row["Margin, mm"] >= 0)
             assert row["Status"] == check["status"]
-
-
-@pytest.mark.long
-def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
-    pages = PdfReader(io.BytesIO(render("report", report, "pdf"))).pages
-    text = " ".join(" ".join(page.extract_text() for page in pages).split())
-    for name, check in checks.items():
-        found = re.search(
-            rf"{name} tip P[\d.]+ of the error at the tool[^−+]*?((?:[\d.]+ ){{4}}[−+][\d.]+) \S+ \S+ (\w+)", text
-        )
-        assert found, name
-        same_row([*found[1].split(), found[2]], check)
 
 
 @pytest.mark.long
