@@ -19,6 +19,14 @@ EVERY: dict[str, Any] = {
 }
 DEMO: dict[str, Any] = EVERY["demo"]
 REMOVED = object()  # in place of a value: the field is left out
+REFUSALS = Path(__file__).parent / "data" / "refusals"
+
+
+def refusals_of(subject: str, table: str) -> list[list[Any]]:
+    """A table of what is refused: a row for each case, as the head of data/refusals/SUBJECT.yaml says."""
+    tables = yaml.load((REFUSALS / f"{subject}.yaml").read_text(encoding="utf-8"), yaml.CSafeLoader)
+    rows: list[list[Any]] = tables[table]
+    return rows
 
 
 def replaced(data: Any, path: Sequence[str | int], value: Any) -> Any:

@@ -15,6 +15,7 @@ from gate_scenes import BAD, FORMATS, GOOD, PASSING, STRICT, read_gate_record, w
 from service_scenes import ROOT, limited, write_json
 
 from family import TAILSTACK, read_until, run_process, started
+from plain_data import refusals_of
 from tailstack import load_design, score
 from tailstack.errors import NotConvergedError, Problem
 from tailstack_service.cli import gate_outputs
@@ -74,29 +75,7 @@ def raising(error: BaseException) -> Any:
     return broken
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (["nothing*.yaml"], 2, "no file matches"),
-        ([], 2, "no design was given"),
-        (["absent.yaml"], 2, "no such file: absent.yaml"),
-        (["."], 2, "."),
-        (["good.yaml", "--policy", "absent.yaml"], 2, "absent.yaml"),
-        (["good.yaml", "--policy", "."], 2, "."),
-        (["good.yaml", "--waivers", "absent.yaml"], 2, "absent.yaml"),
-        (["good.yaml", "--waivers", "policy.yaml"], 2, "tailstack/waivers/1"),
-        (["good.yaml", "--baseline", "absent.json"], 2, "absent.json"),
-        (["good.yaml", "--baseline", "bad.yaml"], 2, "tailstack/gate/1"),
-        (["good.yaml", "--format", "json=missing/gate.json"], 2, "cannot write"),
-        (["good.yaml", "--format", "sarif=out.json"], 2, "out.json"),
-        (["good.yaml", "--format", "sarif=good.yaml"], 2, "good.yaml would overwrite a file that is read"),
-        (["good.yaml", "--policy", "policy.yaml", "--format", "sarif=./policy.yaml"], 2, "would overwrite"),
-        (["good.yaml", "--format", "text", "--format", "json"], 2, "two formats would be written to stdout"),
-        (["good.yaml", "--max-regression", "5"], 2, "baseline"),
-        (["good.yaml", "--remote", "ftp://nowhere"], 2, "ftp"),
-        (["good.yaml", "--remote", "http://127.0.0.1:9"], 3, "127.0.0.1:9"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "code", "words"), refusals_of("gate", "arguments"))
 def test_a_gate_that_cannot_judge_leaves_no_old_pass(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
 ) -> None:

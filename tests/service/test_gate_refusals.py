@@ -16,6 +16,7 @@ from service_scenes import limited
 from test_gate_formats import GITLAB, SARIF, XSD
 from xsd import problems
 
+from plain_data import refusals_of
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.gate.records import GateFinding
@@ -46,39 +47,6 @@ def refused(capsys: pytest.CaptureFixture[str], option: str, line: int | None, w
     assert words in " ".join(first.message.split())
 
 
-NO_POLICIES = [
-    ("", None, "the document is empty"),
-    ("rules: {}\n", 1, "got no schema"),
-    ("schema: tailstack/policy/2\n", 1, "tailstack/policy/1"),
-    ("schema: tailstack/waivers/1\nwaivers: []\n", 1, "read as tailstack/policy/1"),
-    ("- p95\n", 1, "a mapping of fields"),
-    (POLICY + "  p59: {}\n", 3, "did you mean p95?"),
-    (POLICY + "  p95: {limit: 2}\n", 3, "did you mean limit_mm?"),
-    (POLICY + "  p95: {limit_mm: two}\n", 3, "expected a number"),
-    (POLICY + "  p95: {limit_mm: -2}\n", 3, "must be at least 1e-06"),
-    (POLICY + "  p95: {limit_mm: .nan}\n", 3, "nan"),
-    (POLICY + "  p95: {limit_mm: .inf}\n", 3, "inf"),
-    (POLICY + "  p95: {severity: fatal}\n", 3, "fatal"),
-    (POLICY + "  p95: {confidence: 95}\n", 3, "95 % is 0.95"),
-    (POLICY + "  p95: {severity: warn}\n", 3, "did you mean warning?"),
-    (POLICY + "  plausability: {severity: error}\n", 3, "did you mean plausibility?"),
-    (POLICY + "  plausibility: {remarks: [noise]}\n", 3, "must be"),
-    ("schema: tailstack/policy/1\nguard_band_percent: '5 %'\n", 2, "the field is in per cent: write 5"),
-    (POLICY + "  p95: {severity: off}\n  p95: {}\n", 4, "given twice"),
-    (POLICY + "  exceedance: {limit_mm: 2}\n", 3, "max_probability is missing"),
-    (POLICY + "  inconclusive: {severity: note}\n", 3, "note"),
-    (POLICY + "  waiver-expired: {severity: warning}\n", 3, "warning"),
-    (POLICY + "  invalid-design: {severity: note}\n", 3, "unknown field"),
-    (POLICY + "  process-capability: {processes: [{name: x, tolerances: [a]}]}\n", 3, "min_half_width_deg"),
-    ("schema: tailstack/policy/1\nguard_band_percent: -1\n", 2, "0"),
-    ("schema: tailstack/policy/1\nverification: {max_trials: 10}\n", 2, "1000"),
-    ("schema: tailstack/policy/1\nverification: {precision: 0}\n", 2, "0.0001"),
-    ("schema: tailstack/policy/1\nclasses:\n- {name: a}\n- {name: a}\n", 4, "two classes are called"),
-    ("schema: tailstack/policy/1\nname: 'a\nb: c\n", 4, "not YAML"),
-    ("schema: tailstack/policy/1\nname: !x y\n", 2, "tags are not accepted"),
-    ("schema: tailstack/policy/1\nclasses:\n- {name: a, files: ['" + 11 * "*a" + "']}\n", 3, "more than ten *"),
-    ("schema: tailstack/policy/1\nclasses:\n- {name: a, files: ['!released/*']}\n", 3, "begins with !"),
-]
 NO_WAIVERS = [
     ("schema: tailstack/waivers/1\n", 1, "'waivers' is required"),
     (WAIVERS + "- {rule: p95}\n", 3, "'owner' is required"),
@@ -104,7 +72,7 @@ NO_WAIVERS = [
 
 @pytest.mark.parametrize(
     ("option", "content", "line", "words"),
-    [*(("--policy", *row) for row in NO_POLICIES), *(("--waivers", *row) for row in NO_WAIVERS)],
+    [*(("--policy", *row) for row in refusals_of("gate", "policies")), *(("--waivers", *row) for row in NO_WAIVERS)],
 )
 def test_policies_and_waivers_that_are_none(
     folder: Path, capsys: pytest.CaptureFixture[str], option: str, content: str, line: int | None, words: str
@@ -113,23 +81,7 @@ def test_policies_and_waivers_that_are_none(
     refused(capsys, option, line, words)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
-    [
-        ('"schema": "tailstack/gate/1"', '"schema": "tailstack/score/1"', 2, "read as tailstack/gate/1"),
-        ('  "verdict": "pass",\n', "", 1, "'verdict' is required"),
-        ('"verdict": "pass"', '"verdict": "fine"', 3, "fine"),
-        ('"exit_code": 0', '"exit_code": "zero"', 4, "a whole number"),
-        ('"seed": 0', '"seed": -1', 6, "a seed is a whole number"),
-        ('"seed": 0', '"seed": 0, "seed": 1', 6, "given twice"),
-        ('"findings": []', '"findings": {}', 10, "a list"),
-        ('"first_order_p95_mm": 0', '"first_order_p95_mm": 1e999, "x": 0', None, "x"),
-        ('"first_order_p95_mm": 0', '"first_order_p95_mm": "9", "x": 0', None, "expected a number of 0 or more"),
-        ('"first_order_p95_mm": 0', '"first_order_p95_mm": -1, "x": 0', None, "expected a number of 0 or more"),
-        ("{\n", "", None, "this is not"),
-        ('"mode": "analytic",', '"mode": "analytic"', 6, "this is not"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "line", "words"), refusals_of("gate", "baselines"))
 def test_baselines_that_are_none(
     folder: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, line: int | None, words: str
 ) -> None:
@@ -145,19 +97,6 @@ def test_baselines_that_are_none(
         assert words in said
     else:
         refused(capsys, "--baseline", line, words)
-
-
-@pytest.mark.parametrize("option", ["--policy", "--waivers", "--baseline"])
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00\xd8", b"schema: caf\xe9\n", b"\x00", b"[" * 5000, b"a: &a [*a]\n"])
-def test_what_is_no_document_at_all(
-    folder: Path, capsys: pytest.CaptureFixture[str], option: str, content: bytes
-) -> None:
-    (folder / "given").write_bytes(content)
-    assert main(["gate", "good.yaml", "--mode", "analytic", option, "given"]) == 2
-    shown = capsys.readouterr()
-    assert "given" in shown.err
-    assert "Traceback" not in shown.err
-    assert shown.out == ""
 
 
 def test_a_waiver_that_is_in_order_is_taken(folder: Path) -> None:
@@ -240,31 +179,6 @@ def test_the_place_is_that_of_the_value(room: Path, name: str, write: Callable[[
     assert line[column:].startswith(f"&limit {VALUE}" if name == "anchored.yaml" else VALUE), (line, column)
     assert ("limit_mm" in line) != (name == "anchored.yaml")
     assert (finding.rule, finding.pointer) == ("p95", "/requirements/0/limit_mm")
-
-
-@pytest.mark.parametrize(
-    ("content", "line", "words"),
-    [
-        (b"schema: tailstack/design/1\n---\nschema: tailstack/design/1\n", 3, "more than one YAML document"),
-        (b"schema: tailstack/design/1\r\nname: [1,\r\n", 3, "this is not YAML"),
-        (b"schema: tailstack/design/1\nname: caf\xe9\n", None, "not valid UTF-8"),
-        (b"\x00\x01\x02", None, "NUL"),
-        (b"", None, "empty"),
-        (b"- a\n- b\n", 1, "a mapping of fields"),
-        (b"schema: tailstack/design/1\nname: !!python/object:os.system x\n", 2, "tags are not accepted"),
-        (b"a: &a [x]\nb: [*c]\n", 2, "no finished value is called"),
-        (b"schema: tailstack/design/1\nschema: tailstack/design/1\n", 2, "given twice"),
-        (b"\tschema: 1\n", 1, "this is not YAML"),
-        (b'{"schema": "tailstack/design/1",\n "name": }', 2, "expected a text"),
-        (b'{"schema": "tailstack/design/1",\n "name": "x"', 3, "this is not"),
-    ],
-)
-def test_rubbish_is_refused_at_its_line(room: Path, content: bytes, line: int | None, words: str) -> None:
-    (room / "rubbish.yaml").write_bytes(content)
-    finding = found("rubbish.yaml", code=2)[0]
-    assert (finding.rule, finding.file, finding.severity) == ("invalid-design", "rubbish.yaml", "error")
-    assert words in finding.message
-    assert finding.line == line
 
 
 NAMES = ("a b.yaml", "100%.yaml", "x:1.yaml", "é, ü.yaml", "[1]*.yaml", "a;b&c'd\"e.yaml", "-dash.yaml", "#1?.yaml")

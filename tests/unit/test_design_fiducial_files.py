@@ -14,7 +14,7 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from plain_data import DEMO, EXAMPLES, problems_of
+from plain_data import DEMO, EXAMPLES, problems_of, refusals_of
 from tailstack.design import compile_design, design_json_schema, design_to_json, design_to_yaml, load_design
 from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
@@ -64,29 +64,7 @@ def test_variants_are_read_and_what_labels_hold_separates_no_cells(name, text, l
     assert (found.labels[0], found.positions_mm[0]) == (label, first_mm)
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "line"),
-    [
-        ("1,2,3\n4,5,6\n", "csv-header", 1),
-        ("label,x,y,z\nA,1,2,3\n", "csv-header", 1),
-        ("label,x_mm,y_mm,z_inch\nA,1,2,3\n", "csv-header", 1),
-        ("label,x [inch],y [inch],z [inch]\nA,1,2,3\n", "csv-header", 1),
-        ("label,x [mm,y [mm,z [mm\nA,1,2,3\n", "csv-header", 1),
-        ("label,x,y,z\n,mm,cm,mm\nA,1,2,3\n", "csv-header", 2),
-        ("label,x_mm,y,z\n,cm,mm,mm\nA,1,2,3\n", "csv-header", 2),  # header and row contradict each other
-        ("label,x,x [mm],y_mm,z_mm\nA,1,1,2,3\n", "csv-header", 1),
-        ("label,x_mm,y_cm,z_mm\nA,1,2,3\n", "csv-header", 1),
-        ("label,colour,x_mm,y_mm,z_mm\nA,1,2,3,4\n", "csv-header", 1),
-        ("label,x_mm,y_mm,z_mm\nA,1,2\n", "csv-row", 2),
-        ("label,x_mm,y_mm,z_mm\nA, left,1,2,3\n", "csv-row", 2),
-        ("label,x_mm,y_mm,z_mm\nA,1,2,x\n", "wrong-type", 2),
-        ("label,x_mm,y_mm,z_mm\nA,1,2,nan\n", "wrong-type", 2),
-        ("label,x_mm,y_mm,z_mm\nA,1,2,1e9\n", "out-of-range", None),
-        ("x_mm;y_mm;z_mm\n1,5;2.5;3\n", "mixed-decimals", 2),
-        ("label,x_mm,y_mm,z_mm\n", "empty-document", None),
-        ("# CoordinateSystem = IJK\nlabel,x_mm,y_mm,z_mm\nA,1,2,3\n", "unknown-value", 1),
-    ],
-)
+@pytest.mark.parametrize(("text", "code", "line"), refusals_of("tables", "csv"))
 def test_csv_refusals(text, code, line):
     problem = refused(text, "b.csv")
     assert (problem.code, problem.line) == (code, line)

@@ -15,7 +15,7 @@ import pytest
 
 from laws import linear_law
 from plain_data import DEMO as DATA
-from plain_data import EXAMPLES, problems_of, replaced
+from plain_data import EXAMPLES, problems_of, refusals_of, replaced
 from tailstack import DesignError, OutOfRangeError, load_design, score, verify
 from tailstack.design.pointers import pointer_of
 from tailstack.design_function import DesignFunction
@@ -136,36 +136,10 @@ def test_paths_as_people_write_them(path: str, pointer: str) -> None:
     assert pointer_of(DEMO.source.data, path) == pointer
 
 
-@pytest.mark.parametrize(
-    ("axes", "pointer", "code"),
-    [
-        ([], "/axes", "axes"),
-        ([{"pointer": f"/views/0/{k}", "values": [1.0]} for k in range(7)], "/axes", "axes"),
-        ([{"values": [1.0]}], "/axes/0/pointer", "missing-field"),
-        ([{"pointer": "/views/0/noise", "values": [1.0]}], "/axes/0/pointer", "not-found"),
-        ([{"pointer": "views/0/fiducial_noise_px", "values": [1.0]}], "/axes/0/pointer", "not-found"),
-        ([{"pointer": "/views/7/fiducial_noise_px", "values": [1.0]}], "/axes/0/pointer", "not-found"),
-        ([{"pointer": "/views/0/name", "values": [1.0]}], "/axes/0/pointer", "not-a-number"),
-        ([{"pointer": "/views/0", "values": [1.0]}], "/axes/0/pointer", "not-a-number"),
-        ([{"pointer": "", "values": [1.0]}], "/axes/0/pointer", "not-found"),
-        ([{"pointer": NOISE}], "/axes/0", "one-of"),
-        ([{"pointer": NOISE, "values": [1.0], "count": 2}], "/axes/0", "one-of"),
-        ([{"pointer": NOISE, "start": 1.0, "stop": 2.0}], "/axes/0", "one-of"),
-        ([{"pointer": NOISE, "values": []}], "/axes/0/values", "wrong-type"),
-        ([{"pointer": NOISE, "values": [1.0, float("nan")]}], "/axes/0/values/1", "wrong-type"),
-        ([{"pointer": NOISE, "values": [True]}], "/axes/0/values/0", "wrong-type"),
-        ([{"pointer": NOISE, "start": 0.0, "stop": 1.0, "count": 0}], "/axes/0/count", "out-of-range"),
-        ([{"pointer": NOISE, "start": 0.0, "stop": 1.0, "count": 2.0}], "/axes/0/count", "out-of-range"),
-        ([{"pointer": NOISE, "start": -1.7e308, "stop": 1.7e308, "count": 3}], "/axes/0", "wrong-type"),
-        ([{"pointer": NOISE, "values": [1.0], "step": 2}], "/axes/0/step", "unknown-field"),
-        (
-            [{"pointer": p, "values": [1.0]} for p in (NOISE, "/views/*/fiducial_noise_px")],
-            "/axes/1/pointer",
-            "given-twice",
-        ),
-        ([{"pointer": p, "start": 0.0, "stop": 1.0, "count": 2000} for p in (NOISE, RZ)], "/axes", "too-many"),
-    ],
-)
+MANY = [{"pointer": f"/views/0/{k}", "values": [1.0]} for k in range(7)]
+
+
+@pytest.mark.parametrize(("axes", "pointer", "code"), [*refusals_of("values", "axes"), (MANY, "/axes", "axes")])
 def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: str) -> None:
     problem = problems_of(read_axes, DEMO, axes, error=SweepError)[0]
     assert (problem.pointer, problem.code) == (pointer, code)
@@ -222,20 +196,7 @@ def test_what_is_a_list_a_default_or_a_label_can_be_set() -> None:
     assert pointer_of(SEATED.source.data, typed) == "/interfaces/structure_connector/locators/2/half_width_mm"
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "pointer", "code", "words"),
-    [
-        ("views.AP.fiducial_noise_px", -1.0, "/views/0/fiducial_noise_px", "out-of-range", "0"),
-        ("views.AP.fiducial_noise_px", "0.3", "/views/0/fiducial_noise_px", "wrong-type", "number"),
-        ("views.AP.fiducial_noise_mm", 0.3, "/views/0/fiducial_noise_mm", "unknown-field", "fiducial_noise_px"),
-        ("view.0.fiducial_noise_px", 0.3, "/view/0/fiducial_noise_px", "not-found", "views.AP.fiducial_noise_px"),
-        ("view", [], "/view", "unknown-field", "views"),
-        ("/views/7/fiducial_noise_px", 0.3, "/views/7/fiducial_noise_px", "not-found", "in views there is AP, LAT"),
-        ("views.OBLIQUE.fiducial_noise_px", 0.3, "/views/OBLIQUE/fiducial_noise_px", "not-found", "there is AP, LAT"),
-        ("name.x", 1, "/name/x", "not-found", "no /name/x"),
-        ("schema", "tailstack/design/9", "/schema", "unsupported-schema", "tailstack/design/1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("path", "value", "pointer", "code", "words"), refusals_of("values", "values"))
 def test_what_is_wrong_is_refused_with_its_pointer(
     path: str, value: object, pointer: str, code: str, words: str
 ) -> None:

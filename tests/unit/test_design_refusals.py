@@ -10,111 +10,30 @@ import numpy as np
 import pytest
 import yaml
 
-from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, replaced
+from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, refusals_of, replaced
 from tailstack.design import DEFAULT_LIMITS, Limits, check_design, load_design
 from tailstack.errors import DesignError, LimitError, TailstackError
 
 TEXT = (EXAMPLES / "demo.yaml").read_text()
-SEAT = ("interfaces", "structure_connector")
 NOISE = {"fiducial_noise_px": 0.3, "target_noise_px": 0.3}
 POSED = {"name": "A", "intrinsics": {"focal_px": [5200, 5200], "principal_point_px": [768, 768]}, **NOISE}
-MIRRORED = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]
 ORIGIN = {"file": "a.csv", "sha256": "0" * 64, "coordinate_system": "LPS"}
-POINTS = DEMO["fiducials"]["points"]
 
 
 def refused(data):
     return problems_of(lambda: check_design(load_design(data)))
 
 
+def case(path, value, code, words, pointer=None):
+    """A row of the table: path, value, pointer, code, words."""
+    steps = tuple(int(step) if step.isdigit() else step for step in path.split("/"))
+    return steps, REMOVED if value == "REMOVED" else value, f"/{path}" if pointer is None else pointer, code, words
+
+
 CASES = [
-    (("views", 0, "fiducal_noise_px"), 1, "/views/0/fiducal_noise_px", "unknown-field", "fiducial_noise_px"),
-    (("views", 0, "fiducial_noise_px"), "0.3 px", "/views/0/fiducial_noise_px", "wrong-type", "units"),
-    (("views", 0, "fiducial_noise_px"), True, "/views/0/fiducial_noise_px", "wrong-type", "true"),
-    (("views", 0, "fiducial_noise_px"), float("nan"), "/views/0/fiducial_noise_px", "not-finite", "nan"),
-    (("views", 0, "fiducial_noise_px"), -1, "/views/0/fiducial_noise_px", "out-of-range", "-1"),
-    (("views", 0, "fiducial_noise_px"), REMOVED, "/views/0/fiducial_noise_px", "missing-field", "required"),
-    (("views", 0, "preset"), "siemens-cios-fuson", "/views/0/preset", "unknown-name", "siemens-cios-fusion"),
-    (("views", 0, "source_isocentre_mm"), REMOVED, "/views/0", "missing-field", "530"),
-    (("views", 0, "source_isocentre_mm"), 1100, "/views/0/source_isocentre_mm", "distance-order", "1020"),
-    (("views", 0, "orientation"), "ap", "/views/0/orientation", "unknown-value", "'AP' or 'LAT'"),
-    (("views", 0, "beam_direction"), [0, 1, 0], "/views/0", "one-of", "and beam_direction arrived"),
-    (("views", 0), {"name": "AP"}, "/views/0", "view-geometry", "preset"),
-    (("views", 1, "name"), "AP", "/views/1/name", "duplicate-name", "unique"),
-    (("views", 1, "sees"), ["F1", "F2", "F33", "F4", "F5", "F6"], "/views/1/sees/2", "unknown-name", "mean F3"),
-    (("views", 1, "sees"), ["F1", "F2", "F3", "F4", "F5", "F5"], "/views/1/sees/5", "duplicate-name", "unique"),
-    (("views", 1, "sees"), ["F1", "F2", "F3", "F4", "F5"], "/views/1/sees", "too-few-fiducials", "at least 6"),
-    (("views", 1, "sees"), [], "/views/1/sees", "too-short", "at least 1"),
-    (("views",), DEMO["views"][:1], "/views", "too-short", "at least 2"),
-    (("fiducials", "file"), "x.csv", "/fiducials", "one-of", "and file arrived"),
-    (("fiducials", "points", 0, "label"), "F2", "/fiducials/points/1/label", "duplicate-name", "F2"),
-    (("fiducials", "points", 3, "position_mm"), [0, 0, 1e7], "/fiducials/points/3/position_mm/2", "out-of-range",
-     "100000"),
-    (("fiducials", "points", 3, "position_mm"), [1, 2], "/fiducials/points/3/position_mm", "too-short", "list of 2"),
-    (("fiducials", "points", 3, "position_mm"), [1, 2, 3, 4], "/fiducials/points/3/position_mm", "too-long", "3"),
-    (("fiducials", "manufacturing", "half_width_mm"), "a", "/fiducials/manufacturing/half_width_mm", "wrong-type",
-     "a number or a list"),
-    ((*SEAT, "tolerances", "rx"), 0.1, "/interfaces/structure_connector/tolerances/rx", "wrong-type", "half_width_deg"),
-    ((*SEAT, "tolerances", "rx", "half_width_mm"), 0.1, "/interfaces/structure_connector/tolerances/rx/half_width_mm",
-     "unknown-field", "half_width_deg"),
-    ((*SEAT, "tolerances", "rx", "distribution"), "gaussian",
-     "/interfaces/structure_connector/tolerances/rx/distribution", "unknown-value", "normal"),
-    ((*SEAT, "tolerances", "rx", "coverage_factor"), 2,
-     "/interfaces/structure_connector/tolerances/rx/coverage_factor", "unused-field", "uniform"),
-    ((*SEAT, "locators"), [], "/interfaces/structure_connector/locators", "too-short", "at least 6"),
-    (("transforms", "T_flange_con"), [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1.1, 0], [0, 0, 0, 1]],
-     "/transforms/T_flange_con", "not-rigid", "0.21"),
-    (("transforms", "T_flange_con"), {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},
-     "/transforms/T_flange_con/rotation", "not-rigid", "reflection"),
-    (("transforms", "T_flange_con"), {"quaternion_wxyz": [1, 1, 0, 0]}, "/transforms/T_flange_con/quaternion_wxyz",
-     "not-rigid", "1.41"),
-    (("transforms", "T_flange_con"), 3, "/transforms/T_flange_con", "wrong-type", "4x4"),
-    (("execution", "repeatability"), {}, "/execution/repeatability", "one-of", "none arrived"),
-    (("targets", 0, "region"), {"sphere": {"centre_mm": [0, 0, 0], "radius_mm": 1}}, "/targets/0", "one-of", "region"),
-    (("requirements", 0, "targets"), ["tipp"], "/requirements/0/targets/0", "unknown-name", "tip"),
-    (("requirements", 0, "risk"), "per_unit", "/requirements/0", "missing-field", "min_yield"),
-    (("optimise", "fixed"), ["F99"], "/optimise/fixed/0", "unknown-name", "F9"),
-    (("optimise", "requirement"), "nothing", "/optimise/requirement", "unknown-name", "tip-accuracy"),
-    (("optimise", "box", "min_mm"), [99, 0, 0], "/optimise/box/min_mm", "empty-box", "along x"),
-    (("optimise", "starts"), 8.5, "/optimise/starts", "wrong-type", "whole"),
-    (("model",), {"installation_reading": "eq8"}, "/model/installation_reading", "unknown-value", "eq18"),
-    (("model",), {"estimator": "pnp"}, "/model/estimator", "unknown-value", "pose_with_prior"),
-    (("model",), {"estimator": "pose_with_prior"}, "/views/0", "missing-field", "intrinsics_prior"),
-    (("model",), {"estimator": "pose", "rotation": "small_angle"}, "/model/rotation", "not-rigid", "rotation: full"),
-    (("model",), {"triangulation": "linear"}, "/model/triangulation", "unknown-value", "normalised"),
-    (("views", 0, "intrinsics_prior"), {"focal_rel_sd": 0, "principal_point_px_sd": 1},
-     "/views/0/intrinsics_prior/focal_rel_sd", "out-of-range", "0"),
-    (("views", 0, "intrinsics_error"), {"focal": {"half_width_rel": 0.01}}, "/views/0/intrinsics_error/focal",
-     "missing-field", "distribution"),
-    (("views", 0, "intrinsics_error"), {"principal_point": {"bias_px": [1, 2], "distribution": "uniform"}},
-     "/views/0/intrinsics_error/principal_point/distribution", "unused-field", "half_width_px"),
-    (("views", 0), POSED | {"pose": MIRRORED}, "/views/0/pose", "not-rigid", "reverse its numbers"),
-    (("views", 0), {"name": "A", "projection": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]], **NOISE},
-     "/views/0/projection", "no-source", "singular"),
-    (("views", 0, "isocentre_mm"), [0, -400, 0], "/views/0", "behind-detector", "1130 mm"),
-    (("fiducials",), {"file": "a.csv", "origin": {}}, "/fiducials/origin/file", "missing-field", "required"),
-    (("fiducials",), {"file": "a.csv", "origin": ORIGIN}, "/fiducials/origin", "unused-field", "remove origin"),
-    (("fiducials",), {"points": POINTS, "origin": ORIGIN | {"sha256": "0"}}, "/fiducials/origin/sha256", "bad-text",
-     "form"),
-    (("fiducials",), {"points": POINTS, "origin": ORIGIN | {"left_out": ["x"] * 1001}}, "/fiducials/origin/left_out",
-     "too-many", "1000"),
-    (("fiducials", "image_point"), "shadow", "/fiducials/image_point", "unused-field", "diameter"),
-    (("temperature",), {"half_width_k": 5, "structure_expansion_um_per_m_k": 9}, "/temperature", "missing-field",
-     "distribution"),
-    (("views", 0, "image_field"), {"half_widths_px": [1] * 5, "distribution": "normal"},
-     "/views/0/image_field/half_widths_px", "too-long", "4"),
-    (("views", 0, "detector_tilt"), {"bias_about_v_deg": 1.2}, "/views/0/detector_tilt/bias_about_v_deg",
-     "out-of-range", "at most 1 degree"),
-    (("views", 0, "detector_tilt"), {"about_u": {"half_width_deg": 1.2, "distribution": "uniform"}},
-     "/views/0/detector_tilt/about_u/half_width_deg", "out-of-range", "at most 1 degree"),
-    (("document",), {"date": "28.11.2026"}, "/document/date", "bad-text", "28.11.2026"),
-    (("document",), {"date": "2026-02-30"}, "/document/date", "bad-text", "2026-02-30"),
-    (("document",), {"revision": "C\nD"}, "/document/revision", "bad-text", ""),
-    (("document",), {"approved": "L. Brandt"}, "/document/approved", "unknown-field", "approver"),
-    (("schema",), "tailstack/design/2", "/schema", "unsupported-schema", "tailstack/design/1"),
-    (("schema",), REMOVED, "", "unsupported-schema", "no schema"),
-    (("interfaces",), None, "/interfaces", "wrong-type", "nothing (null)"),
-]  # fmt: skip
+    *(case(*row) for row in refusals_of("design", "cases")),
+    case("fiducials/origin", ORIGIN | {"left_out": ["x"] * 1001}, "too-many", "1000", "/fiducials/origin/left_out"),
+]
 
 
 @pytest.mark.parametrize(("path", "value", "pointer", "code", "words"), CASES)

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from scipy.optimize import linprog
 
-from plain_data import EXAMPLES, problems_of
+from plain_data import EXAMPLES, problems_of, refusals_of
 from tailstack import score
 from tailstack.design import compile_design, load_design
 from tailstack.design.features import spread_sum
@@ -69,34 +69,7 @@ def test_tables_follow_the_formulas_of_the_standard():
     assert np.abs(np.array(M_UM[1:]) - m).max() <= 1
 
 
-@pytest.mark.parametrize(
-    ("change", "code", "word"),
-    [
-        ({"fit": "K7/g6"}, "unknown-fit", "of holes D, E, F, G, H, JS"),
-        ({"fit": "H14/g6"}, "unknown-fit", "5 to 11 are"),
-        ({"fit": "g6/H7"}, "unknown-fit", "as H7/g6"),
-        ({"fit": "Ø6 H7/g6"}, "unknown-fit", "as H7/g6"),
-        ({"diameter_mm": 600}, "unknown-fit", "up to 500 mm"),
-        ({"fit": "H7/m6"}, "interference", "larger than the hole"),
-        ({"pin_mm": [0, -0.01]}, "one-of", "give fit"),
-        ({"at_maximum_material": True}, "unused-field", "true_position_mm"),
-        ({"true_position_mm": "0.02 in"}, "wrong-type", "0.508"),
-        ({"along": [0, 0, 2]}, "zero-direction", "at an angle"),
-        ({"kind": "pin_in_hole"}, "overheld", "7 motions"),
-        ({"kind": "peg"}, "feature-kind", 'pin_in_slot, spigot, vee or rest; got the text "peg"'),
-        ({"along": [0, 1, 0]}, "free-motion", "rotation about z"),
-        ({"name": "face"}, "duplicate-name", "face"),
-        ({"along": [1e-320, 0, 0]}, "zero-direction", "has a length"),
-        ({"true_position_mm": "Ø0.05 (M) A B"}, "wrong-type", "write 0.05; (M) is at_maximum_material: true"),
-        ({"diameter_mm": "6 H7/g6"}, "wrong-type", "write 6; H7/g6 goes under fit"),
-        ({"diameter_mm": '1 1/4"'}, "wrong-type", "write 31.75"),
-        ({"fit": None, "hole_mm": "+0,012/−0", "pin_mm": [0, 0]}, "wrong-type", "write [0.012, 0]"),
-        ({"fit": None, "hole_mm": '+.0005"/-0', "pin_mm": [0, 0]}, "wrong-type", '1" is 25.4 mm: write [0.0127, 0]'),
-        ({"fit": None, "hole_mm": "±0.01", "pin_mm": [0, 0]}, "wrong-type", "write [0.01, -0.01]"),
-        ({"fit": None, "hole_mm": "+20 µm", "pin_mm": [0, 0]}, "wrong-type", "write [0.02, 0]"),
-        ({"kind": "pad", "size_mm": "80 x 60"}, "wrong-type", "write [80, 60]"),
-    ],
-)
+@pytest.mark.parametrize(("change", "code", "word"), refusals_of("features", "features"))
 def test_what_no_seat_is_is_refused_with_the_cure(change, code, word):
     data = copy.deepcopy(SEAT)
     data["interfaces"]["structure_connector"]["features"][2] |= change

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optimise_documents import document, moving, optimised
-from plain_data import problems_of
+from plain_data import problems_of, refusals_of
 from tailstack.design import Design, load_design
 from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
@@ -312,39 +312,7 @@ def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
     assert "stopped on request" in found.aimed.sentence
 
 
-LAT = {"view": "LAT", "cone_deg": 30.0}
-ADDED = OBLIQUE | {"price": 300.0}
-# entries of views, changes of the section, pointer of the problem below /optimise, words in it
-REFUSED: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str, str]] = {
-    "unknown": ([LAT | {"view": "LTA"}], {}, "/views/0/view", "LAT"),
-    "not aimed": ([LAT | {"view": "AP"}], {}, "/views/0/view", "intrinsics and a pose"),
-    "nothing free": ([{"view": "LAT"}], {}, "/views/0", "cone_deg"),
-    "order": ([LAT | {"source_isocentre_mm": [800.0, 600.0]}], {}, "/views/0/source_isocentre_mm", "800"),
-    "behind the detector": (
-        [LAT | {"source_isocentre_mm": [600.0, 5000.0]}],
-        {},
-        "/views/0/source_isocentre_mm/1",
-        "5000",
-    ),
-    "front": ([LAT], {"objective": "pareto"}, "", "front is not traced with views"),
-    "like none": ([ADDED | {"like": "PA"}], {}, "/views/0/like", "AP"),
-    "there already": ([ADDED | {"add": "LAT"}], {}, "/views/0/add", "already"),
-    "negative price": ([ADDED | {"price": -1.0}], {}, "/views/0/price", "at least 0"),
-    "wide cone": ([ADDED | {"cone_deg": 120.0}], {}, "/views/0/cone_deg", "at most 90"),
-    "order, added": ([ADDED | {"source_isocentre_mm": [800.0, 600.0]}], {}, "/views/0/source_isocentre_mm", "800"),
-    "behind the detector, added": (
-        [ADDED | {"source_isocentre_mm": [600.0, 5000.0]}],
-        {},
-        "/views/0/source_isocentre_mm/1",
-        "5000",
-    ),
-    "scaling": ([ADDED], {"objective": "scaling"}, "/views/0/price", "saves no cost"),
-    "quantile": ([ADDED], {"objective": "quantile", "cost_limit": 3000.0}, "/views/0/price", "study views"),
-    "both kinds": ([ADDED | {"view": "LAT"}], {}, "/views/0/view", "add, like, price"),
-    "like missing": ([{"add": "OBL", "price": 1.0}], {}, "/views/0/like", "like"),
-    "price missing": ([{"add": "OBL", "like": "AP"}], {}, "/views/0/price", "price"),
-    "two added": ([ADDED, ADDED | {"add": "OBL2"}], {}, "/views/1", "one"),
-}
+REFUSED = {name: row for name, *row in refusals_of("views", "views")}
 
 
 @pytest.mark.parametrize("name", REFUSED)
