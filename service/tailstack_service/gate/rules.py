@@ -80,7 +80,8 @@ def _describe_waiver(rule: Rule) -> str:
     if rule.worse == "fixed":
         return "It has no waiver of its own."
     bound = "max_value" if rule.worse == "more" else "min_value"
-    return f"In a waiver: {bound}, {rule.unit or 'in the unit of the finding'}."
+    unit = rule.unit or "in the unit of the finding"
+    return f"In a waiver: {bound}, {unit}; the worse end of an interval must keep it."
 
 
 def find_severity(rules: Rules, rule: str) -> str:

@@ -117,7 +117,7 @@ def read_shot(content: bytes, name: str) -> Shot:
     if missing:
         problems: list[Problem] = []
         for keyword in missing:
-            cure = f"export with it, or write the view by hand: {NEEDED[keyword][2]}, docs/design.md#views"
+            cure = f"export with it, or write the view by hand: {NEEDED[keyword][2]}, docs/design.md#geometry-of-a-view"
             problems += _refusal(name, f"{_name_tag(keyword)} is missing", cure).problems
         raise DesignError(problems)
     numbers = {keyword: _read_numbers(text[keyword], keyword, name) for keyword in NEEDED}
