@@ -45,6 +45,7 @@ from .terms import linearise_demand
 AIM = 3e-6  # of a limit: how far below it the values are brought
 OPTIONS = {"ftol": 1e-9, "maxiter": 200}
 MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
+STAYS = 1e-2  # relative change of half-widths in a step, after which the slopes by them stay
 UNIT_STEP = 1e-2  # of the logarithm of a half-width, over which the jumps of a slope are evened out
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
@@ -167,16 +168,15 @@ class _Held:
         """Its value over its limit."""
         return exact_quantile(self.model_at(half_width), self.demand).value_mm / self.demand.requirement.limit
 
-    def slopes_at(self, half_width: Array) -> Array:
-        """(K,) of its logarithm by that of each half-width: analytic; of a corridor that is read of each unit by
-        itself by differences, with the same units each time."""
+    def slopes_at(self, half_width: Array, ratio: float) -> Array:
+        """(K,) of its logarithm by that of each half-width, where it is ``ratio`` of its limit: analytic; of a corridor
+        that is read of each unit by itself by differences, with the same units each time."""
         model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
         error = requirement.error
         worst = worst_case(model, error, requirement.quantile, value=value_of(requirement))
         if self.demand.nested and len(worst.mean_mm) > 3:
             wider = (half_width * np.exp(step) for step in UNIT_STEP * np.eye(len(half_width)))
-            here = log(self.ratio_at(half_width))
-            return np.array([log(self.ratio_at(width)) - here for width in wider]) / UNIT_STEP
+            return np.array([log(self.ratio_at(width) / ratio) for width in wider]) / UNIT_STEP
         found = law_slopes(model, self.demand, worst.mean_mm)
         for k, (b, j) in enumerate(self.places):
             block = model.blocks[b]
@@ -187,7 +187,7 @@ class _Held:
                 slopes[k] = found.by_log_width(key, held, block.columns_mm(error)[:, j])
         size = sum(weight * each.quantile_mm for each, weight in found.mixture)
         if self.demand.nested:
-            size = self.ratio_at(half_width) * requirement.limit
+            size = ratio * requirement.limit
         return slopes / (size or 1.0)
 
 
@@ -202,31 +202,35 @@ def _hold(problem: PlacementProblem, demand: QuantileConstraint) -> _Held:
 def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
     """(K,) the cheapest by the limit that is nearest at the present half-widths, and by all that are then broken.
 
-    Raises NotConvergedError.
+    The square of a value over its limit is taken to be linear in the squares of half-widths, as a mean square is;
+    solved again with the slopes at what was found, until that stands still.  Where that swings, further and further
+    beyond a limit, steps are halved.  After a step within STAYS the slopes stay, and only the values are read again:
+    what the slopes are wrong by is in the cost by its square, and those of a quantile over a sample of units jump by
+    more than they would still change.  Raises NotConvergedError.
     """
     found = np.clip(present_choice(problem).half_width, problem.lower, problem.upper)
-    taken: list[_Held] = []
-    more = [max(held, key=lambda each: each.ratio_at(found))]
-    while more:
-        taken += more
-        found = _find_within(problem, taken, found)
-        more = [each for each in held if each not in taken and each.ratio_at(found) > 1]
-    return found
-
-
-def _find_within(problem: PlacementProblem, taken: Sequence[_Held], begin: Array) -> Array:
-    """(K,) the cheapest within these limits.  The square of a value over its limit is taken to be linear in the squares
-    of half-widths, as a mean square is; solved again with the slopes at what was found, until that stands still.
-    Where that swings, further and further beyond a limit, steps are halved."""
-    found, cost, worst, part = begin, np.inf, np.inf, 1.0
+    ratios = {each: each.ratio_at(found) for each in held}
+    taken = [max(held, key=ratios.__getitem__)]
+    by_square: dict[_Held, Array] = {}
+    cost, worst, part, step = np.inf, np.inf, 1.0, np.inf
     for _ in range(MOST_STEPS):
-        squares = np.array([each.ratio_at(found) / (1 - AIM) for each in taken]) ** 2
+        squares = np.array([ratios[each] / (1 - AIM) for each in taken]) ** 2
         cost, before = problem.cost(found), cost
         if abs(cost - before) <= SETTLED * cost and squares.max() <= 1 + AIM:
-            return found
+            ratios |= {each: each.ratio_at(found) for each in held if each not in taken}
+            more = [each for each in held if each not in taken and ratios[each] > 1]
+            if not more:
+                return found
+            taken, worst, part = taken + more, np.inf, 1.0
+            squares = np.array([ratios[each] / (1 - AIM) for each in taken]) ** 2
         worst, part = squares.max(), part / 2 if squares.max() > worst > 1 + AIM else part
-        by_square = squares[:, None] * np.array([each.slopes_at(found) for each in taken]) / found**2
-        found = found * (_solve_model(problem, squares - by_square @ found**2, by_square, found) / found) ** part
+        for each, square in zip(taken, squares.tolist(), strict=True):
+            if step > STAYS or each not in by_square:
+                by_square[each] = square * each.slopes_at(found, ratios[each]) / found**2
+        linear = np.array([by_square[each] for each in taken])
+        end = _solve_model(problem, squares - linear @ found**2, linear, found)
+        step, found = float(np.abs(np.log(end / found)).max()), found * (end / found) ** part
+        ratios |= {each: each.ratio_at(found) for each in taken}
     detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
     raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
@@ -265,8 +269,8 @@ def _report(
     own = [t for t, each in enumerate(held) if each.demand.requirement.name == asked]
     binding = [each.demand for each, ratio in zip(held, ratios, strict=True) if ratio > 1 - BINDS]
     demand, tightest = held[own[0]].demand, held[int(least.argmax())]
-    tight, error = tightest.model_at(low), tightest.demand.requirement.error
-    shares = share_out(tight, exact_quantile(tight, tightest.demand).worst.mean_mm, error)
+    tight, of = tightest.model_at(low), tightest.demand.requirement
+    shares = share_out(tight, worst_case(tight, of.error, of.quantile, value=value_of(of)).mean_mm, of.error)
     points = [t for t, each in enumerate(held) if each.demand.is_point]
     levers = (held[max(points, key=ratios.__getitem__)] if points else _hold(problem, problem.in_mm[0])).levers
     moved, cost_before = levers * np.abs(now - before), problem.cost(before)
