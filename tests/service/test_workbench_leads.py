@@ -192,6 +192,7 @@ def test_the_drill_guide_shows_in_a_minute_how_it_is_done_and_does_not_ask_again
     assert [words[:6] for words in found["words"]] == ["1 of 3", "2 of 3", "2 of 3", "3 of 3"]  # the second: reloaded
     assert found["ringed"] == ["F10"] * 5  # in every picture
     assert (found["ended"], found["again"]) == (0, 0)
+    assert found["offered"] == 0  # at 0.3 mm, which no tightening keeps
     assert (found["axe"], found["wide"]) == ([], 0)
 
 

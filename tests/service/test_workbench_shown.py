@@ -264,6 +264,9 @@ def test_with_many_targets_or_requirements_the_strip_stays_a_strip(service: Serv
     (line,) = (line for line in found["words"].splitlines() if "position, tip" in line)  # one of all that do not decide
     assert re.search(r"position, tip: 1\.\d\d mm of 2\.00 mm.*breach, entry to tip: 0\.\d\d % of 1 %", line)
     assert shown(service, "phone", screw)["height"] < 844 / 3
+    words = shown(service, "tall", (EXAMPLES / "radiostereometry.yaml").read_text(encoding="utf-8"))["words"]
+    assert "open by estimate" in words  # of a rotation no error of the estimate is known, and none is promised
+    assert "The estimate is within" not in words
 
 
 @pytest.mark.long

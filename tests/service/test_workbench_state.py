@@ -236,6 +236,8 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     files = {
         "beads.csv": points.encode(), "latin.yaml": umlaut.encode("latin-1"),
         "latin.csv": points.replace("B1", "Bé").encode("latin-1"), "marked.yaml": umlaut.encode("utf-16"),
+        "photo.png": b"\x89PNG\r\n\x1a\n", "part.obj": b"v 0 0 0\nf 1 2 3\n",
+        "housing.step": (EXAMPLES / "gallery" / "seat_from_cad_carrier.step").read_bytes(),
     }  # fmt: skip
     sent = [{"name": name, "base64": base64.b64encode(content).decode()} for name, content in files.items()]
     carrier = {"name": "carrier.step", "base64": base64.b64encode(step).decode()}
@@ -253,6 +255,11 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     for page in ("empty", "design"):
         assert "not UTF-8" in found[f"{page} latin.yaml"]["words"]
         assert "Führung" in found[f"{page} marked.yaml"]["text"]
+        for other in ("photo.png", "part.obj"):
+            assert "the surface of a part (.stl)" in found[f"{page} {other}"]["words"]
+        housing = found[f"{page} housing.step"]["words"]
+        assert housing.startswith("housing.step holds no ball")
+        assert "export it as STL" in housing
         assert "�" not in "".join(one["text"] for one in found.values())
     assert "UTF-8" in found["design latin.csv"]["words"]
     assert "7 fiducials" in found["design beads.csv"]["words"]
@@ -275,6 +282,8 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     assert distances == [1234, 1234]  # the first view is another now, and nothing else
     assert {**again, "views": again["views"][1:]} == {**begun, "views": begun["views"][1:]}
     assert "isocentre" in found["2 images"]["words"]
+    assert found["away"]["words"].startswith("beads.csv was not read: the service does not answer.")
+    assert found["away"]["text"] == found["1 images"]["text"]
 
 
 @pytest.mark.long

@@ -42,6 +42,6 @@ export const best = computed(() => {
   const check = answering(known.value), bound = found.value?.bounds.find(({ requirement }) => requirement === check?.requirement), least = bound?.lower_bound_mm;
   if (!check || !bound || least == null) return null;
   const gap = 100 * (check.value / least - 1), none = `none below ${mm(Math.floor(1000 * least) / 1000, 3)}${sign(check.unit)}`;
-  const near = gap < 0 ? "Outside of what is asked for, and better than any layout within" : `Within ${gap < 0.1 ? "0.1" : gap.toPrecision(2)} % of the best possible layout`;
+  const near = gap < 0 ? "Outside of what is asked for, and better than any layout within" : `Within ${gap < 0.1 ? "0.1" : Number(gap.toPrecision(2))} % of the best possible layout`;
   return { words: `${near}: ${none}.`, whole: bound.statement };
 });

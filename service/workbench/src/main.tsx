@@ -52,7 +52,7 @@ function Page() {
         </nav>
       </header>
       {!savedSteps.value && <p class="bad" role="alert">The browser keeps nothing (its storage is full or off): save the design as a file.</p>}
-      {message.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
+      {message.value && !working.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
       {startProblem.value && <div class="message bad"><Problems problem={startProblem.value} /><button type="button" class="small" onClick={() => (startProblem.value = null)}>Close</button></div>}
       {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
       <Asking />

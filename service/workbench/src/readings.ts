@@ -127,8 +127,8 @@ export interface Standing {
 /** Whether the estimate of a design can be gone by; a simulation knows better than what is said of such designs. */
 export function standingOf({ estimate, simulation }: Known): Standing {
   if (!estimate) return { holds: false, words: "", off: null };
-  const { validity } = estimate.record, error = validity.expected_error_percent;
-  if (!simulation) return { holds: error !== null, words: trust(validity), off: null };
+  const { validity } = estimate.record, error = validity.expected_error_percent, unknown = estimate.decides?.interval[1] === null; // what is said of P95 at the tool is said of no other measure
+  if (!simulation) return { holds: error !== null, words: trust(unknown && error !== null ? { expected_error_percent: null, calibrated: false } : validity), off: null };
   const found = answering({ estimate, simulation })?.value ?? estimate.record.targets.find(({ name }) => name === simulation.target.name)?.p95_mm ?? estimate.value, off = found / simulation.value - 1;
   const holds = Math.abs(off) <= Math.max(LOOSE, (error ?? 0) / 100) + precisionOf(simulation);
   const side = `${(100 * Math.abs(off)).toFixed(Math.abs(off) < 0.1 ? 1 : 0)} % ${off < 0 ? "below" : "above"} it`;

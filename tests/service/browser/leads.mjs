@@ -165,6 +165,13 @@ scenarios.minute = async () => {
   await page.reload();
   await current(page);
   words.push(await note.innerText());
+  const limit = strip(page).getByLabel(/^limit of /);
+  await limit.fill("0.3");
+  await limit.press("Enter");
+  await note.filter({ hasText: "no tightening keeps this limit" }).waitFor();
+  found.offered = await strip(page).getByRole("button", { name: /^Tighten/ }).count();
+  await limit.fill("1");
+  await limit.press("Enter");
   await strip(page).getByRole("button", { name: /^Tighten/ }).click();
   await note.filter({ hasText: "3 of 3" }).waitFor();
   words.push(await note.innerText());

@@ -240,6 +240,10 @@ scenarios.files = async () => {
     await page.locator(".message", { hasText: some.length > 1 ? "2 views are" : "a view is" }).waitFor();
     found[`${some.length} images`] = { words: await words(page), text: (await state(page)).text };
   }
+  await page.route("**/v1/conversions*", (route) => route.abort());
+  await drop(page, "beads.csv", Buffer.from(asked.files[0].base64, "base64"));
+  await page.locator(".message", { hasText: "beads.csv" }).waitFor();
+  found.away = { words: await words(page), text: (await state(page)).text };
   return { found };
 };
 

@@ -46,15 +46,22 @@ async function takeImages(files: File[]): Promise<void> {
   say(`${names}: ${files.length === 1 ? "a view is" : `${files.length} views are`} as the headers say. ${made.notes.slice(0, 5).map(called).join("; ")}`);
 }
 
+/** What a person at the page may have meant, where the service has a cure for one who meant what it looked for. */
+const ALSO: Record<string, string> = { "no-ball": "if it is the surface of your part that you mean, export it as STL and drop that" };
+
 /** What the service makes of a file; null where it refuses: that is said, unless ``asks`` has asked what was left open. */
 async function convert(name: string, called: (words: string) => string, asked: Promise<Response>, asks?: (rule: string, detail: string) => Promise<boolean>): Promise<Json> {
   asking.value = null;
   working.value = `${name} is being read`;
   const response = await asked.catch(() => null).finally(() => (working.value = null));
   if (response?.ok) return response.json();
-  const [{ rule, detail, hint, file, pointer }] = (response ? await readRefusal(response) : unreachable()).errors, words = called(detail);
-  const where = [file ? called(file) : name, ...pathOf(pointer).slice(1)].join(" › ");
-  if (!(await asks?.(rule, words))) say(`${where}: ${[words, hint].filter(Boolean).join("; ")}`, true);
+  if (!response) {
+    say(`${name} was not read: the service does not answer. Drop it again once it does.`, true);
+    return null;
+  }
+  const [{ rule, detail, hint, file, pointer }] = (await readRefusal(response)).errors, words = called(detail);
+  const where = [file ? called(file) : name, ...pathOf(pointer).slice(1)].join(" › "), told = [words, hint, ALSO[rule]].filter(Boolean).join("; ");
+  if (!(await asks?.(rule, words))) say(told.startsWith(where) ? told : `${where}: ${told}`, true);
   return null;
 }
 
@@ -67,6 +74,7 @@ async function takeFile(file: File): Promise<void> {
   if (named.length) return takeNamed(file, named);
   if (ending) return takePoints(file, kind);
   const content = decode(await file.arrayBuffer());
+  if (/\.\w+$/.test(file.name) && !/\.(ya?ml|json)$/i.test(file.name) && (content === null || parse(content).errors.length)) return void say(`${file.name} is none of the files that are read here: a design (.yaml, .json), beads (.csv, .xlsx, .mrk.json, .fcsv, .step), the surface of a part (.stl), images of a C-arm (.dcm), or what the open design names`, true);
   if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
   if (/\.json$/i.test(file.name) && /"markups"\s*:/.test(content) && !/"fiducials"\s*:/.test(content)) return takePoints(file, "mrk.json"); // of 3D Slicer, whatever its name
   takeText(file.name, content, `Open ${file.name}`);

@@ -272,7 +272,7 @@ export function Limit() {
         <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={rested.value ? wordsOf(rested.value, d, false) : `not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
         {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
       </div>
-      <button type="button" disabled={!holds || now !== null} title="the cheapest half-widths that keep the limit at this layout; locked ones stay" onClick={keep}>{`Keep it at least cost${offer ? `: ${costs(offer)}` : ""}`}</button>
+      <button type="button" disabled={!holds || now !== null} title="the cheapest half-widths that keep the limit at this layout; locked ones stay. The cost, to compare by: prices under optimise, otherwise 1 / half-width (mm, rad)" onClick={keep}>{`Keep it at least cost${offer ? `: ${costs(offer)}` : ""}`}</button>
     </div>
   );
 }

@@ -1,6 +1,7 @@
 // The first minute, on the drill guide: what to do, one thing after the other; each is done when its effect is seen.
 
 import { computed, effect, signal } from "@preact/signals";
+import { advised } from "../advice";
 import { answer, current } from "../api";
 import { design, gesture, position, recall, remember, steps } from "../state";
 import { verified } from "../readings";
@@ -28,15 +29,15 @@ effect(() => {
   else if (step.value === 1 && /^Move /.test(steps.value[position.value]?.what ?? "")) go(2);
 });
 
-const WORDS = [
+const WORDS = () => [
   `The tool may miss by more than the limit: the strip says by how much. Press the ringed bead ${BEAD} in a picture, drag it, and watch that number.`,
-  "▲ or ▼ says what that did. The list says what is to blame: press Tighten in the strip, or slide rx and ry of the connector to the left, until it passes.",
+  `▲ or ▼ says what that did. The list says what is to blame: ${advised.value?.wall ? "but no tightening keeps this limit, as the strip says. Undo, or type a wider one." : "press Tighten in the strip, or slide rx and ry of the connector to the left, until it passes."}`,
   "It passes by estimate. Verify simulates it, shot by shot, and makes the report.",
 ];
 
 export function Minute() {
-  const words = WORDS[step.value - 1];
+  const all = WORDS(), words = all[step.value - 1];
   return words ? (
-    <p class="minute" role="note" aria-label="The first minute"><strong>{`${step.value} of ${WORDS.length}`}</strong><span>{words}</span><button type="button" class="small" onClick={() => go(ENDED)}>Skip</button></p>
+    <p class="minute" role="note" aria-label="The first minute"><strong>{`${step.value} of ${all.length}`}</strong><span>{words}</span><button type="button" class="small" onClick={() => go(ENDED)}>Skip</button></p>
   ) : null;
 }

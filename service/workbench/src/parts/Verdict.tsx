@@ -189,7 +189,7 @@ function Findings({ reading }: { reading: AnyReading }) {
       {worst ? (
         <p class="stated">
           {`${asked.size === 1 ? "" : `${kept} of ${asked.size} requirements kept; what decides is `}${worst.requirement}${checks.length === 1 ? "" : ` at ${worst.target}`}: `}
-          {worst.status === "pass" ? "within the limit." : worst.status === "fail" ? "beyond the limit." : kind === "simulation" ? "too close to say, even by this simulation." : "too close to say by estimate: verify."}
+          {worst.status === "pass" ? "within the limit." : worst.status === "fail" ? "beyond the limit." : kind === "simulation" ? "too close to say, even by this simulation." : worst.interval[1] === null ? "open by estimate: verify." : "too close to say by estimate: verify."}
           {isBiased(reading) && !advised.value?.wall && ` A ${kind === "estimate" ? "known " : ""}bias of ${mm(Math.hypot(...reading.target.bias_mm), reading.decimals)} mm is most of it: correct for it before any tolerance.`}
         </p>
       ) : <p class="stated">The design states no requirement: nothing is judged. <button type="button" class="small" onClick={() => edit([{ path: ["requirements"], value: [{ name: "accuracy", limit_mm: 1 }] }], "State a limit")}>State a limit</button></p>}
