@@ -15,6 +15,7 @@ from enum import StrEnum
 from functools import cache
 from itertools import pairwise
 from math import hypot, inf
+from threading import Lock
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import (
@@ -39,6 +40,7 @@ from .ranges import COVERAGE, DIRECTION, IMAGE_PX, MATRIX, NOISE_PX, PIXEL_MM, P
 LENGTH = 1e5  # mm
 # The interfaces of the chain, called everywhere as in the design document, in the order of the chain
 INTERFACES = ("structure_connector", "connector_flange")
+PARSING = Lock()  # two threads in ast.parse count their depth in one place, and it ends with a SystemError (gh-106905)
 _Record = TypeVar("_Record", bound="Record")
 
 
@@ -84,9 +86,9 @@ def read_texts(record: type) -> dict[str, str]:
 @cache
 def _read_module(module: str) -> dict[str, dict[str, str]]:
     """Texts by class and field.  The source is read when it is first asked for."""
-    classes = (
-        each for each in ast.parse(inspect.getsource(sys.modules[module])).body if isinstance(each, ast.ClassDef)
-    )
+    with PARSING:
+        statements = ast.parse(inspect.getsource(sys.modules[module])).body
+    classes = (each for each in statements if isinstance(each, ast.ClassDef))
     return {
         each.name: {
             field.target.id: " ".join(text.value.value.split())
