@@ -25,7 +25,7 @@ from typing import Any
 import pytest
 
 from family import die_with_parent, ended, run_process
-from tailstack.kernels import calls, processor, sources, store
+from tailstack.kernels import calls, process, processor, sources, store
 from waiting import LIMIT_SECONDS
 
 PACKAGE = sources.ROOT
@@ -343,6 +343,24 @@ def files_imported(file: str) -> set[str]:
 
 def _for_types_only(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+def test_what_nothing_uses_of_numpy_is_loaded_when_it_is_asked_for() -> None:
+    parts = {"numpy.f2py": "numpy.f2py.crackfortran", "numpy.testing": "numpy.testing._private.utils"}
+    assert set(parts) == set(process.LATE)
+    program = f"""
+import sys
+from tailstack.kernels.process import load_late
+{{load}}
+import numpy as np, scipy.special
+print([part in sys.modules for part in {list(parts.values())}])
+np.testing.assert_equal(np.f2py.__name__, "numpy.f2py")
+print([part in sys.modules for part in {list(parts.values())}])
+"""
+    done = run_process(sys.executable, "-c", program.format(load="load_late()"))
+    assert done.stdout.split("\n")[:2] == ["[False, False]", "[True, True]"], done.stderr
+    done = run_process(sys.executable, "-c", program.format(load=""))  # so SciPy does ask for them
+    assert done.stdout.split("\n")[:2] == ["[True, True]", "[True, True]"], done.stderr
 
 
 def test_every_source_is_there_and_every_import_is_seen() -> None:

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
-from tailstack.kernels.process import SINGLE_THREADED, ignore_settings_of_folder, prepare_with
+from tailstack.kernels.process import SINGLE_THREADED, ignore_settings_of_folder, load_late, prepare_with
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -180,6 +180,7 @@ def _speak_utf8_where_possible() -> None:
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
     ignore_settings_of_folder()
+    load_late()
     for name, threads in SINGLE_THREADED.items():
         os.environ.setdefault(name, threads)
     sys.unraisablehook = _repeat_interrupt
@@ -192,9 +193,11 @@ def command() -> NoReturn:
 
 
 def _search_more_often(phase: str, _: dict[str, int]) -> None:
-    """For cycles, after the first search: a short command never comes to one, a service keeps its memory."""
+    """For cycles, after the first search: a short command never comes to one, a service keeps its memory.  Among what a
+    start has made, which stays, no later one looks again."""
     if phase == "stop":
         gc.callbacks.remove(_search_more_often)
+        gc.freeze()
         gc.set_threshold(10_000)
 
 

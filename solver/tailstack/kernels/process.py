@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
 
 SETTINGS_OF_FOLDER = ".numba_config.yaml"  # numba reads it from the folder in which a process starts
 # Matrices are small here.  Processes and the threads of a search are the unit of parallelism; the libraries' own would
@@ -14,6 +17,7 @@ SINGLE_THREADED = {
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
+LATE = ("numpy.f2py", "numpy.testing")  # modules that nothing here uses
 _preparations: list[Callable[[], None]] = []
 
 
@@ -39,6 +43,27 @@ def ignore_settings_of_folder() -> None:
         vars(config)["_config_fname"] = os.devnull  # no file; it is asked for again when the environment changes
     finally:
         os.chdir(here)
+
+
+class _LateModules:
+    """Finds them, to be executed when something of them is first asked for."""
+
+    @staticmethod
+    def find_spec(name: str, path: Sequence[str] | None = None, target: object = None) -> ModuleSpec | None:
+        spec = PathFinder.find_spec(name, path) if name in LATE else None
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
+
+
+def load_late() -> None:
+    """Have what nothing here uses of numpy loaded by whoever does, in a process of ours.
+
+    SciPy reads every attribute of numpy when it is loaded, and so loads the writer of Fortran bindings and what tests
+    arrays: a quarter of the time of ``scipy.special``.  To be called before SciPy is loaded.
+    """
+    if _LateModules not in sys.meta_path:
+        sys.meta_path.insert(0, _LateModules)
 
 
 def prepare_with(prepare: Callable[[], None] | None) -> None:
