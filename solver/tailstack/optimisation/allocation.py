@@ -28,10 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import exp, sqrt
-from threading import Lock
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +55,6 @@ class BoundedAllocation:
     cost: float
     lower_bound_cost: float  # Lagrangian bound, recomputed from the multipliers
     gap: float  # (cost - lower_bound_cost) / cost
-    limit_prices: Array  # (t,) d cost / d limit_mm of each target, <= 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,17 +106,6 @@ class _Case:
         return squared_bound(self.covariance(half_width), self.p)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Programme:
-    """A compiled cvxpy problem and its handles; the parameters are shared state, so it is used under its lock."""
-
-    problem: Any
-    scaled_variance: Any
-    parameters: dict[str, Any]
-    within: Any
-    lock: Lock
-
-
 def allocate(
     noise: Array,
     gains: Array,
@@ -144,26 +129,26 @@ def allocate(
     low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), len(prices)) for b in (lower, upper))
     case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p)
 
-    def answer(chosen: Array, multipliers: Array, dual: float | None) -> BoundedAllocation:
+    def answer(chosen: Array, dual: float | None) -> BoundedAllocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
         half_width[free] = chosen
         cost = float(curves.cost(half_width).sum())
         fixed = cost - float(case.curves.cost(chosen).sum())
         least = cost if dual is None else min(fixed + dual, cost)
         gap = (cost - least) / cost if cost > 0 else 0.0
-        return BoundedAllocation(half_width, cost, least, gap, -2 * multipliers / limits)
+        return BoundedAllocation(half_width, cost, least, gap)
 
     tightest = case.ratios(case.lower)
     if tightest.max() >= 1:
         raise _refuse_infeasible(tightest, limits, p)
     if case.ratios(case.upper).max() <= 1:
-        return answer(case.upper, np.zeros(limits.size), None)
+        return answer(case.upper, None)
     widths, multipliers, matrices = _by_cone(case, _unit(case))
     excess = case.ratios(widths)
     # The bound is convex in the variances: on the way to the tightest it is below its chord.
     theta = min(1.0, float(((1 - tightest) / (np.maximum(excess, 1) - tightest)).min()))
     widths = np.sqrt(case.lower**2 + theta * (widths**2 - case.lower**2))
-    result = answer(widths, multipliers, _dual_bound(case, multipliers, matrices))
+    result = answer(widths, _dual_bound(case, multipliers, matrices))
     if not result.gap <= _LARGEST_GAP:
         raise _refuse_unconverged(f"the cost is {result.gap:.1e} of itself above its dual bound, not {_LARGEST_GAP:g}")
     return result
@@ -262,76 +247,41 @@ def _vectors(symmetric: Array) -> Array:
     return np.asarray(symmetric[..., _ROWS, _COLUMNS] * _WEIGHTS)
 
 
-@lru_cache(maxsize=64)
-def _programme(targets: int, exponential: tuple[bool, ...]) -> _Programme:
-    """The programme of a shape, compiled at its first solve; every number in it is a parameter (DPP).
+def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
+    """(half-widths (k,), multipliers (t,), cost per relative limit^2, M (t, 3, 3)): <M, S> touches each bound.
 
     The cost of tolerance i is ``exp(offset_i - rate_i z_i)``, x its scaled variance, with ``z <= log(x) / 2`` (power
     laws) or ``z <= sqrt(x) - 1`` (exponentials): decreasing in z, so these hold with equality.
     """
     import cvxpy as cp
 
-    k = len(exponential)
-    x, z = cp.Variable(k), cp.Variable(k)
-    parameters = {
-        "offset": cp.Parameter(k),
-        "rate": cp.Parameter(k, nonneg=True),
-        "lower": cp.Parameter(k, nonneg=True),
-        "upper": cp.Parameter(k, nonneg=True),
-        "trace": cp.Parameter(targets, nonneg=True),
-        "traces": cp.Parameter((targets, k), nonneg=True),
-        "matrix": cp.Parameter(6 * targets),
-        "matrices": cp.Parameter((6 * targets, k)),
-    }
-    powers, falling = [i for i in range(k) if not exponential[i]], [i for i in range(k) if exponential[i]]
-    constraints = [x >= parameters["lower"], x <= parameters["upper"]]
-    if powers:
-        constraints.append(z[powers] <= cp.log(x[powers]) / 2)
-    if falling:
-        constraints.append(z[falling] <= cp.sqrt(x[falling]) - 1)
-    total = cp.reshape(parameters["matrix"] + parameters["matrices"] @ x, (targets, 6), order="C")
-    within = parameters["trace"] + parameters["traces"] @ x + cp.norm(total, 2, axis=1) <= 1
-    cost = cp.sum(cp.exp(parameters["offset"] - cp.multiply(parameters["rate"], z)))
-    return _Programme(cp.Problem(cp.Minimize(cost), [*constraints, within]), x, parameters, within, Lock())
-
-
-def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
-    """(half-widths (k,), multipliers (t,), cost per relative limit^2, M (t, 3, 3)): <M, S> touches each bound."""
-    import cvxpy as cp
-
-    curves = case.curves
+    curves, targets, tilt = case.curves, case.noise.shape[0], frobenius_constant(case.p)
     log_scale = float(np.logaddexp.reduce(curves.log_cost(unit)))  # the scale itself may underflow
-    scale = exp(log_scale)
     rate = np.where(curves.exponential, unit / curves.scale, curves.exponent)
-    targets = case.noise.shape[0]
     outer = case.outer * (unit**2)[:, None, None]
-    tilt = frobenius_constant(case.p)
-    values = {
-        "offset": curves.log_cost(unit) - log_scale,
-        "rate": rate,
-        "lower": (case.lower / unit) ** 2,
-        "upper": (case.upper / unit) ** 2,
-        "trace": np.trace(case.noise, axis1=1, axis2=2),
-        "traces": np.trace(outer, axis1=2, axis2=3),
-        "matrix": tilt * _vectors(case.noise).ravel(),
-        "matrices": tilt * np.swapaxes(_vectors(outer), 1, 2).reshape(6 * targets, -1),
-    }
-    programme = _programme(targets, tuple(bool(e) for e in curves.exponential))
-    with programme.lock:
-        for name, parameter in programme.parameters.items():
-            parameter.value = values[name]
-        # Not problem.solve: it warns of an almost solved programme, where the dual bound below is the judge.
-        data, chain, inverse = programme.problem.get_problem_data(cp.CLARABEL, solver_opts=_SOLVER_OPTIONS)
-        solution = chain.invert(chain.solve_via_data(programme.problem, data, solver_opts=_SOLVER_OPTIONS), inverse)
-        if solution.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-            raise _refuse_unconverged(f"the conic solver stopped with status {solution.status!r}")
-        programme.problem.unpack(solution)
-        scaled = np.asarray(programme.scaled_variance.value, dtype=np.float64)
-        multipliers = np.maximum(np.asarray(programme.within.dual_value, dtype=np.float64).reshape(targets), 0.0)
+    x, z = cp.Variable(len(unit)), cp.Variable(len(unit))
+    constraints = [x >= (case.lower / unit) ** 2, x <= (case.upper / unit) ** 2]
+    powers, falling = np.flatnonzero(~curves.exponential), np.flatnonzero(curves.exponential)
+    constraints += [z[powers] <= cp.log(x[powers]) / 2] if powers.size else []
+    constraints += [z[falling] <= cp.sqrt(x[falling]) - 1] if falling.size else []
+    matrices = tilt * np.swapaxes(_vectors(outer), 1, 2).reshape(6 * targets, -1)
+    total = cp.reshape(tilt * _vectors(case.noise).ravel() + matrices @ x, (targets, 6), order="C")
+    traces = np.trace(case.noise, axis1=1, axis2=2) + np.trace(outer, axis1=2, axis2=3) @ x
+    within = traces + cp.norm(total, 2, axis=1) <= 1
+    cost = cp.sum(cp.exp(curves.log_cost(unit) - log_scale - cp.multiply(rate, z)))
+    problem = cp.Problem(cp.Minimize(cost), [*constraints, within])
+    # Not problem.solve: it warns of an almost solved programme, where the dual bound below is the judge.
+    data, chain, inverse = problem.get_problem_data(cp.CLARABEL, solver_opts=_SOLVER_OPTIONS)
+    solution = chain.invert(chain.solve_via_data(problem, data, solver_opts=_SOLVER_OPTIONS), inverse)
+    if solution.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        raise _refuse_unconverged(f"the conic solver stopped with status {solution.status!r}")
+    problem.unpack(solution)
+    scaled = np.asarray(x.value, dtype=np.float64)
+    multipliers = np.maximum(np.asarray(within.dual_value, dtype=np.float64).reshape(targets), 0.0)
     half_width = np.clip(unit * np.sqrt(np.maximum(scaled, 0.0)), case.lower, case.upper)
-    total = case.covariance(half_width)
-    matrices = np.eye(3) + tilt * total / np.linalg.norm(total, axis=(1, 2))[:, None, None]
-    return half_width, scale * multipliers, matrices
+    covariance = case.covariance(half_width)
+    tangents = np.eye(3) + tilt * covariance / np.linalg.norm(covariance, axis=(1, 2))[:, None, None]
+    return half_width, exp(log_scale) * multipliers, tangents
 
 
 def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
