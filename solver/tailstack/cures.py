@@ -234,13 +234,9 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
 
 def cure_list(values: Any, wanted: int) -> str:
     """What to write instead of a list of numbers that has more entries than ``wanted``."""
-    if isinstance(values, list | tuple) and wanted < len(values) <= 2 * wanted and all(map(_is_whole, values)):
+    if isinstance(values, list | tuple) and wanted < len(values) <= 2 * wanted and {*map(type, values)} == {int}:
         first, second = values[0], values[1]
         if second < 0:  # no decimals have a sign
             return ""
         return f"commas separate entries: if {first},{second} is one number, write it with a point, {first}.{second}"
     return ""
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)

@@ -77,17 +77,13 @@ def split_words(name: str) -> list[str]:
 
 def _take(words: list[str], table: Mapping[str, Sequence[str]]) -> str:
     """The kind that some of the words say, which are taken out; empty: none."""
-    phrases = sorted(((phrase.split(), kind) for kind, said in table.items() for phrase in said), key=_most_words)
-    for phrase, kind in phrases:
+    phrases = [(phrase.split(), kind) for kind, said in table.items() for phrase in said]
+    for phrase, kind in sorted(phrases, key=lambda each: -len(each[0])):
         for at in range(len(words) - len(phrase) + 1):
             if words[at : at + len(phrase)] == phrase:
                 del words[at : at + len(phrase)]
                 return kind
     return ""
-
-
-def _most_words(entry: tuple[list[str], str]) -> int:
-    return -len(entry[0])
 
 
 def _takes_unit(before: list[str]) -> bool:

@@ -229,25 +229,23 @@ def encoding_of(content: bytes) -> str:
     return next((codec for mark, codec in _MARKS if content.startswith(mark)), "utf-8")
 
 
-def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackError]) -> tuple[str, str, int]:
-    """The encoding of a text, what to call it if it had to be guessed, and how many lines there are.
+def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackError]) -> tuple[str, str]:
+    """The encoding of a text, and what to call it if it had to be guessed.
 
     By its mark UTF-8, UTF-16 or UTF-32; without one strictly UTF-8, and what is not Windows-1252, which spreadsheets
-    call ANSI.  A stream that cannot be read twice is taken for UTF-8, and has 0 lines.  Raises ``error`` for what is
-    no text.
+    call ANSI.  A stream that cannot be read twice is taken for UTF-8.  Raises ``error`` for what is no text.
     """
     if not stream.seekable():
-        return "utf-8-sig", "", 0
+        return "utf-8-sig", ""
     begin = stream.tell()
     first = stream.read(4)
-    stream.seek(begin)
     encoding = encoding_of(first)
     if first.startswith(b"PK\x03\x04"):
         hint = "save the sheet with the table as CSV UTF-8"
         raise error(Problem("", "not-text", "this is a workbook or another archive, not a text", hint, name))
     decoder = codecs.getincrementaldecoder(encoding)()
-    lines, guessed, marked = 0, "", encoding != "utf-8"
-    for part in chain(iter(partial(stream.read, CHUNK), b""), [b""]):
+    guessed, marked = "", encoding != "utf-8"
+    for lines, part in chain(_list_parts(stream, begin), [(0, b"")]):
         if not marked and (at := part.find(b"\0")) >= 0:
             line = lines + part.count(b"\n", 0, at) + 1
             detail = "the text holds NUL characters: a binary file, or UTF-16 without a mark"
@@ -262,27 +260,27 @@ def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackErro
                     )
                     raise error(Problem("", "not-text", detail, "save it as CSV UTF-8", name)) from None
                 encoding, guessed = "cp1252", "Windows-1252 (ANSI)"
-        lines += part.count(b"\n")
-    if guessed:
-        _refuse_undefined(stream, begin, name, error)
-    stream.seek(begin)
-    return encoding, guessed, lines
-
-
-def _refuse_undefined(stream: IO[bytes], begin: int, name: str | None, error: type[TailstackError]) -> None:
-    stream.seek(begin)
-    lines = 0
-    for part in iter(partial(stream.read, CHUNK), b""):
+    for lines, part in _list_parts(stream, begin) if guessed else ():
         if match := _UNDEFINED.search(part):
             line = lines + part.count(b"\n", 0, match.start()) + 1
             detail = f"byte 0x{match[0].hex()} is neither UTF-8 nor Windows-1252 (ANSI)"
             raise error(Problem("", "not-text", detail, "save it as CSV UTF-8", name, line))
+    stream.seek(begin)
+    return encoding, guessed
+
+
+def _list_parts(stream: IO[bytes], begin: int) -> Iterator[tuple[int, bytes]]:
+    """Parts of what a stream holds from there on, each with how many lines end before it."""
+    stream.seek(begin)
+    lines = 0
+    for part in iter(partial(stream.read, CHUNK), b""):
+        yield lines, part
         lines += part.count(b"\n")
 
 
 def decode_people_text(content: bytes, name: str | None, error: type[TailstackError]) -> tuple[str, str]:
     """The text of a whole file, and the name of its encoding if that had to be guessed.  Raises ``error``."""
-    encoding, guessed, _ = find_encoding(io.BytesIO(content), name, error)
+    encoding, guessed = find_encoding(io.BytesIO(content), name, error)
     return content.decode(encoding), guessed
 
 
@@ -324,7 +322,7 @@ def read_people_table(
     the first row that is no title is the header.  Raises ``error`` with the line, now and then.
     """
     stream = io.BytesIO(source) if isinstance(source, bytes) else source
-    encoding, guessed, _ = find_encoding(stream, name, error)
+    encoding, guessed = find_encoding(stream, name, error)
     lines = list_lines(stream, encoding)
     try:
         return _open_table(lines, name, error, knows_header, guessed)
@@ -466,7 +464,7 @@ def _read_marked(split: Callable[[int, str], TextLine], number: int, text: str, 
 
 
 def find_header(
-    contents: list[TextLine], knows_header: Callable[[Sequence[str]], bool] | None = None
+    contents: list[TextLine], knows_header: Callable[[Sequence[str]], bool] | None
 ) -> tuple[TextLine, list[TextLine]]:
     """The header, and the titles above it."""
     if knows_header is not None:

@@ -76,7 +76,8 @@ def _leave(data: Any, pointers: Iterable[str], stated: str) -> list[str]:
         if not _covers(pointer, stated):
             left.append(pointer)
         elif not _is_value(node):
-            left += _leave(data, [way for child, way in _children(node, pointer) if _holds_numbers(child)], stated)
+            inner = [way for child, way in _children(node, pointer) if any(_numbers_below(child, way))]
+            left += _leave(data, inner, stated)
     return left
 
 
@@ -96,10 +97,6 @@ def _numbers_below(node: Any, pointer: str) -> Iterator[str]:
         return
     for child, way in _children(node, pointer):
         yield from _numbers_below(child, way)
-
-
-def _holds_numbers(node: Any) -> bool:
-    return next(_numbers_below(node, ""), None) is not None
 
 
 def _children(node: Any, pointer: str) -> list[tuple[Any, str]]:

@@ -266,7 +266,8 @@ def write_numbers(values: Any) -> str:
 def say_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) -> str:
     """What to write in a view so that it shows everything, without a point at its end; empty: nothing was found."""
     meanings = find_meanings(view, scene, beside)
-    where = "in front of the source" + (" and inside the image" if _states_size(view) else "")
+    sized = not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
+    where = "in front of the source" + (" and inside the image" if sized else "")
     if len(meanings) == 1:
         return f"with {meanings[0].words}, all fiducials and targets lie {where}: write {meanings[0].cure}"
     if meanings:
@@ -294,10 +295,6 @@ def _say_targets(document: DesignDocument, scene: WrittenPoints) -> str:
     if len(fitting) != 1 or not len(scene.targets_mm):
         return ""
     return f"with the targets in {fitting[0]}, every view shows everything: multiply by {UNITS[fitting[0]]:g}"
-
-
-def _states_size(view: Any) -> bool:
-    return not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
 
 
 def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Sequence[Problem]) -> Iterator[Problem]:

@@ -152,7 +152,7 @@ def _parents(pointer: str) -> list[str]:
     return ["/".join(steps[:count]) for count in range(1, len(steps))]
 
 
-def _translate(entry: Any, root: type[BaseModel], data: Any = None) -> Problem:
+def _translate(entry: Any, root: type[BaseModel], data: Any) -> Problem:
     raw: tuple[str | int, ...] = entry["loc"]
     # the name of an unknown field is the user's own and may look like anything, a branch included
     known = raw[:-1] if entry["type"] == "extra_forbidden" else raw

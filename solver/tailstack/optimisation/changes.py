@@ -76,16 +76,8 @@ def layout_problem(design: Design, error: PointError) -> PlacementProblem:
 
 def _layout_alone(problem: PlacementProblem, error: PointError) -> PlacementProblem:
     names = tuple(target.name for target in problem.system.targets)
-    return replace(
-        problem,
-        requirements=(Requirement(f"P95 of {error}", error, P95, 1.0, P95, names),),
-        half_widths=(),
-        pivots=(),
-        objective="quantile",
-        cost_limit=None,
-        survival=None,
-        stay=None,
-    )
+    requirement = Requirement(f"P95 of {error}", error, P95, 1.0, P95, names)
+    return replace(problem.layout_alone((requirement,)), stay=None)
 
 
 def _counts(design: Design, error: PointError) -> Iterator[Alternative]:

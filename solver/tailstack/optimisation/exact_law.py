@@ -189,12 +189,8 @@ def correction_at(
     slopes = _exact_gradient(problem, terms, choice, evaluation) - _closed_gradient(
         problem, terms, choice, evaluation, signs
     )
-    return Correction(difference - float(slopes @ _what_is_seen(problem, choice, evaluation)), slopes)
-
-
-def _what_is_seen(problem: PlacementProblem, choice: Choice, evaluation: Evaluation) -> Array:
-    own = np.log(choice.half_width), pivot_shift_of(problem, choice)
-    return np.concatenate([evaluation.images.numbers, *own])
+    seen = evaluation.images.numbers, np.log(choice.half_width), pivot_shift_of(problem, choice)
+    return Correction(difference - float(slopes @ np.concatenate(seen)), slopes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

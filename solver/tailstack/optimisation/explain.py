@@ -6,7 +6,6 @@ the rotations about it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import ceil, log10
 from typing import Any
@@ -75,7 +74,9 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     if left * FAR_OFF < own:
         raised = f"the check finds {at_least(own / left, 2)} times what the estimate that guides the search says: "
         raised += "spread the fiducials or reduce the noise"
-    cures = [*_cures(problem, term.demand, worst.model, requirement.limit * left), *_room(program, point)]
+    cures = _cures(problem, term.demand, worst.model, requirement.limit * left)
+    rules = sorted(list_rules(program, point, 1 / 2), key=lambda rule: -abs(rule.per_unit))  # that stand in the way
+    cures += [rule.say_step(1.0, "it") for rule in rules[:2] if 100 * abs(rule.per_unit) > RELIEF]
     detail = (
         f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
         f"{worst.exact_mm:.4g} {unit}{tight}; {aim} lies below it. Share of the mean square there: {shares}"
@@ -94,7 +95,8 @@ def _shares(worst: Evaluation, error: str) -> str:
 
 def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: ErrorModel, limit: float) -> list[str]:
     """By how much one contributor at a time would have to shrink; all of them together where none is enough."""
-    names = {block.contributor: _noise_or_itself(block.contributor) for block in model.blocks}
+    own = [block.contributor for block in model.blocks]
+    names = {name: "the image noise" if name.startswith(NOISE) else name for name in own}
     weight: dict[str, float] = {}
     for block in model.blocks:
         size = float(((block.gain(demand.requirement.error) * block.half_width) ** 2).sum())
@@ -103,7 +105,8 @@ def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: ErrorMo
     for name in sorted(weight, key=lambda name: -weight[name])[:LEADING]:
         factor = _factor(model, demand, {block for block, group in names.items() if group == name}, limit)
         if factor is not None:
-            cures.append(f"bring {_in_words(problem, name)} to {factor:.2g} of what it is there")
+            words = f"every tolerance of {label_of(problem, name)} ({name})" if name in INTERFACES else name
+            cures.append(f"bring {words} to {factor:.2g} of what it is there")
     if not cures:
         factor = _factor(model, demand, set(names), limit)
         if factor is None:
@@ -111,16 +114,6 @@ def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: ErrorMo
         else:
             cures.append(f"bring every random contributor to {factor:.2g} of what it is there: none alone is enough")
     return cures
-
-
-def _noise_or_itself(contributor: str) -> str:
-    return "image noise" if contributor.startswith(NOISE) else contributor
-
-
-def _in_words(problem: PlacementProblem, name: str) -> str:
-    if name in INTERFACES:
-        return f"every tolerance of {label_of(problem, name)} ({name})"
-    return {"image noise": "the image noise"}.get(name, f"{name}")
 
 
 def _factor(model: ErrorModel, demand: QuantileConstraint, contributors: set[str], limit_mm: float) -> float | None:
@@ -138,12 +131,6 @@ def _factor(model: ErrorModel, demand: QuantileConstraint, contributors: set[str
     largest = 0.999 if quantile(1.0) <= limit_mm else brentq(lambda x: quantile(x) - limit_mm, 0.01, 1.0, xtol=1e-4)
     digits = 2 - ceil(log10(largest))
     return float(np.floor(largest * 10**digits) / 10**digits)
-
-
-def _room(program: Program, point: Point) -> Iterator[str]:
-    """Which rules of the layout stand in the way most, from the multipliers of the smallest quantile."""
-    rules = sorted(list_rules(program, point, 1 / 2), key=lambda rule: -abs(rule.per_unit))
-    return (rule.say_step(1.0, "it") for rule in rules[:2] if 100 * abs(rule.per_unit) > RELIEF)
 
 
 def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError | NotConvergedError:

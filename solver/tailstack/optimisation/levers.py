@@ -48,11 +48,8 @@ def _search_places(request: OptimiseRequest, found: Score, name: str) -> float |
     own = tuple(item for item in problem.system.requirements if item.name == name and item.row.by_quantile)
     if not (problem.places and own):
         return None
-    stay = None if problem.stay is None else replace(problem.stay, cost_per_mm=0.0)
-    alone = replace(problem, requirements=own, objective="quantile", cost_limit=None, half_widths=(), pivots=())
-    alone = replace(alone, survival=None, stay=stay)
     try:
-        best = search(alone, starts=STARTS, seed=request.section.seed)
+        best = search(problem.layout_alone(own), starts=STARTS, seed=request.section.seed)
         ratio = settle(best, np.ones(len(best.terms))).worst_ratio
     except TailstackError:
         return None

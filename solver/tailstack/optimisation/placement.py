@@ -71,7 +71,8 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
         if rounds and _has_arrived(program, here.point, evaluations, reached) and _keeps_surfaces(program, here):
             exact = _correct(program, here, evaluations, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
-            if residual > _stationary(program) and rounds < FREE_VERTICES:
+            sampled = any(term.demand.nested for term in program.terms)
+            if residual > (SAMPLED_STATIONARY if sampled else STATIONARY) and rounds < FREE_VERTICES:
                 here = Iterate(_solve_again(program, here.point, exact), exact)
                 continue
             ratios = _everywhere(search, here.point)
@@ -143,11 +144,6 @@ def _window(program: Program, evaluations: list[Evaluation]) -> float:
     if any(term.demand.nested for term in program.terms):
         return SAMPLED_AT_AIM
     return max(AT_AIM, KNOWN * max(item.relative_error for item in evaluations))
-
-
-def _stationary(program: Program) -> float:
-    sampled = any(term.demand.nested for term in program.terms)
-    return SAMPLED_STATIONARY if sampled else STATIONARY
 
 
 def _solve_again(program: Program, point: Point, parameters: Parameters) -> Point:

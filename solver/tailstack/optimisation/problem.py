@@ -293,6 +293,12 @@ class PlacementProblem:
         """The targets that some requirement names, in the order of the system."""
         return targets_of(self.system, self.requirements)
 
+    def layout_alone(self, requirements: tuple[Requirement, ...]) -> PlacementProblem:
+        """The same for the layout that keeps requirements best, at no price: nothing else is free."""
+        free = replace(self, requirements=requirements, objective="quantile", half_widths=(), pivots=())
+        stay = self.stay and replace(self.stay, cost_per_mm=0.0)
+        return replace(free, cost_limit=None, survival=None, stay=stay)
+
     @property
     def lower(self) -> Array:
         """(K,) smallest half-widths, native unit."""

@@ -89,7 +89,7 @@ def report(
             )
             for k, free in enumerate(problem.pivots)
         ),
-        scaling=_scaling(problem, before, now),
+        scaling=float(np.min(now.half_width / before.half_width)) if problem.objective == "scaling" else None,
         certificate=Certificate(
             kkt_residual=0.0 if certified is None else certified.kkt_residual,
             starts=search.starts,
@@ -284,9 +284,3 @@ def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Arr
         if source.free is not None:
             lever[source.free] = float(np.hypot(lever[source.free], source.ratio * np.linalg.norm(gain)))
     return lever
-
-
-def _scaling(problem: PlacementProblem, before: Choice, now: Choice) -> float | None:
-    if problem.objective != "scaling":
-        return None
-    return float(np.min(now.half_width / before.half_width))

@@ -59,9 +59,8 @@ def _draw_bars(ax: Axes, chart: Bars) -> None:
             ax.plot([low, high], [place, place], color=VALUE_COLOUR, linewidth=2, marker="|", markersize=9)
         if bar.limit is not None:
             ax.plot([bar.limit, bar.limit], [place - 0.46, place + 0.46], **LIMIT_LOOK)
-        ax.annotate(
-            _words(bar), (_reach(bar), place), (6, 0), textcoords="offset points", va="center", annotation_clip=False
-        )
+        words = f"{bar.value:.3g}" if bar.before is None else f"{bar.before:.3g} → {bar.value:.3g}"
+        ax.annotate(words, (_reach(bar), place), (6, 0), textcoords="offset points", va="center", annotation_clip=False)
     ax.set_ylim(len(chart.bars) - 0.4, -0.6)
     ax.set_xlim(
         0,
@@ -86,10 +85,6 @@ def _reach(bar: Bar) -> float:
     """How far to the right anything of a bar goes."""
     high = None if bar.interval is None else bar.interval[1]
     return max(bar.value, bar.before or 0.0, bar.limit or 0.0, high or 0.0)
-
-
-def _words(bar: Bar) -> str:
-    return f"{bar.value:.3g}" if bar.before is None else f"{bar.before:.3g} → {bar.value:.3g}"
 
 
 def _draw_curves(ax: Axes, chart: Curves) -> None:
