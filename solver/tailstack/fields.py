@@ -152,15 +152,14 @@ KEEP_ONE = "keep one of them"
 
 
 def only_one(*names: str, needed: str | None = None, cure: str = KEEP_ONE) -> Any:
-    """The validator of a record that has one of some fields at most, of those that it knows; ``needed``: just one, and
-    what to write where none is there."""
+    """The validator of a record that has one of some fields at most; ``needed``: just one, and what to write where none
+    is there."""
 
     def check(record: Record) -> Record:
-        known = [name for name in names if name in type(record).model_fields]
-        given = [name for name in known if getattr(record, name) is not None]
+        given = [name for name in names if getattr(record, name) is not None]
         if len(given) > 1 or (needed is not None and not given):
             words = "one" if needed is None else "exactly one"
-            detail = f"give {words} of {', '.join(known[:-1])} and {known[-1]}; {' and '.join(given) or 'none'} arrived"
+            detail = f"give {words} of {', '.join(names[:-1])} and {names[-1]}; {' and '.join(given) or 'none'} arrived"
             at = given[1] if given and needed is None else ""
             raise refusal("one-of", detail, cure if given else needed or "", at)
         return record
@@ -168,10 +167,10 @@ def only_one(*names: str, needed: str | None = None, cure: str = KEEP_ONE) -> An
     return model_validator(mode="after")(check)
 
 
-def exactly_one(first: str, second: str, needed: str = "") -> Any:
-    """The configuration and the validator of a record that has one of two fields; needed: the cure where both lack."""
-    schema: dict[str, Any] = {"oneOf": [{"required": [first]}, {"required": [second]}]}
-    return ConfigDict(json_schema_extra=schema), only_one(first, second, needed=needed)
+def exactly_one(*names: str, needed: str = "") -> Any:
+    """The configuration and the validator of a record that has one of some fields; needed: the cure where all lack."""
+    schema: dict[str, Any] = {"oneOf": [{"required": [name]} for name in names]}
+    return ConfigDict(json_schema_extra=schema), only_one(*names, needed=needed)
 
 
 def not_both(first: str, second: str) -> Any:

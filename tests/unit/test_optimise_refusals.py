@@ -76,10 +76,6 @@ def _pivot(low: float, high: float) -> PivotVariable:
     )
 
 
-TOO_SMALL = Cylinder(CENTRE_MM, UP, 4.0, 3.0)
-HALF_TUBE = Cylinder(BASE_MM, UP, 100.0, 50.0, 45.0)
-
-
 @pytest.mark.parametrize(
     ("changes", "pointer", "code"),
     [

@@ -21,7 +21,7 @@ LEAST_FOUND = 10.0  # signal of a shadow over the noise in its window: of less t
 class BeadNoise(Record):
     """What the noise of a bead's centroid follows from, in place of a number."""
 
-    model_config, _one_level = exactly_one("snr", "counts", "snr: 30")
+    model_config, _one_level = exactly_one("snr", "counts", needed="snr: 30")
 
     diameter_mm: Annotated[Length, BALL_MM] = Field(examples=[3.0])
     """Diameter of the beads, mm; not a shift of their images, which is fiducials.diameter_mm."""

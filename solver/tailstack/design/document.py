@@ -185,7 +185,7 @@ class _View(Record):
 class _Aimed(_View):
     """Where the beam goes: an orientation by name, or two directions."""
 
-    model_config, _one_direction = exactly_one("orientation", "beam_direction", "orientation: AP")
+    model_config, _one_direction = exactly_one("orientation", "beam_direction", needed="orientation: AP")
 
     orientation: Literal["AP", "LAT"] | None = Field(default=None, examples=["AP"])
     """AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or
@@ -545,7 +545,7 @@ class HandEye(Record):
 class Repeatability(Record):
     """Scatter of the robot's positioning, per axis of the tcp frame."""
 
-    model_config, _one_size = exactly_one("std_mm", "half_width_mm", "std_mm: 0.02")
+    model_config, _one_size = exactly_one("std_mm", "half_width_mm", needed="std_mm: 0.02")
 
     std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(default=None, examples=[0.02])
     """Standard deviation of a normal law, mm: one number for the three axes, or [x, y, z]. Either this or

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..fields import (
     Direction,
@@ -95,7 +95,7 @@ class Survive(Record):
 class Stay(Record):
     """What speaks against moving a fiducial from where it is."""
 
-    model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", "at_most_mm: 10")
+    model_config, _one_way = exactly_one("cost_per_mm", "at_most_mm", needed="at_most_mm: 10")
 
     cost_per_mm: _Weight | None = Field(default=None, examples=[2.0])
     """Price of each mm that a free fiducial is away from its place, in the unit of the cost; objective: cost, with
@@ -654,18 +654,13 @@ class SearchSurface(Record):
 
 
 SearchShape = SearchBox | SearchCylinder | SearchBall | SearchSurface
-_SHAPES = ("box", "cylinder", "ball")
-_AREAS = (*_SHAPES, "surface")
-
-
-def _one_of(names: tuple[str, ...]) -> ConfigDict:
-    return ConfigDict(json_schema_extra={"oneOf": [{"required": [name]} for name in names]})
+_SHAPES, A_BOX = ("box", "cylinder", "ball"), "box: {min_mm: [-50, -50, -90], max_mm: [50, 50, 10]}"
 
 
 class Shaped(Record):
     """A region by exactly one shape."""
 
-    model_config = _one_of(_SHAPES)
+    model_config, _one_shape = exactly_one(*_SHAPES, needed=A_BOX)
 
     box: SearchBox | None = None
     """Axis-parallel box."""
@@ -673,8 +668,6 @@ class Shaped(Record):
     """Cylinder or tube."""
     ball: SearchBall | None = None
     """Ball or shell."""
-
-    _one_shape = only_one(*_AREAS, needed="box: {min_mm: [-50, -50, -90], max_mm: [50, 50, 10]}")
 
     @property
     def solid(self) -> SearchBox | SearchCylinder | SearchBall:
@@ -686,7 +679,7 @@ class Shaped(Record):
 class SearchRegion(Shaped):
     """Where fiducials may go."""
 
-    model_config = _one_of(_AREAS)
+    model_config, _one_shape = exactly_one(*_SHAPES, "surface", needed=A_BOX)
 
     surface: SearchSurface | None = None
     """Near a surface of triangles."""
