@@ -89,7 +89,10 @@ def read_request(design: Design) -> OptimiseRequest:
         requirements=requirements,
         places=_places(system, section),
         half_widths=half_widths,
-        pivots=_pivots(section),
+        pivots=tuple(
+            PivotVariable(free.interface, np.array(free.box.min_mm), np.array(free.box.max_mm), f"/optimise/pivots/{k}")
+            for k, free in enumerate(section.pivots)
+        ),
         objective=kind,
         cost_limit=section.cost_limit,
         symmetry=_symmetry(section.symmetry),
@@ -163,30 +166,17 @@ def _symmetry(symmetry: Symmetry | None) -> tuple[Isometry, ...]:
 
 def _places(system: System, section: Optimise) -> tuple[FreeFiducial, ...]:
     """Free fiducials with their regions, in groups of the symmetry's size."""
-    size = 1 + len(_symmetry(section.symmetry))
-    labels = system.fiducial_labels
-    if section.regions is not None:
-        return tuple(
-            place
-            for index, region in enumerate(section.regions)
-            for place in _groups(
-                [labels.index(label) for label in region.fiducials],
-                size,
-                _shape(region.shape),
-                f"/optimise/regions/{index}",
-            )
-        )
-    free = [i for i, label in enumerate(labels) if label not in section.fixed]
+    size, index = 1 + len(_symmetry(section.symmetry)), system.fiducial_labels.index
+    free = [label for label in system.fiducial_labels if label not in section.fixed]
+    groups = [(each.fiducials, each.shape, f"/optimise/regions/{k}") for k, each in enumerate(section.regions or ())]
     if section.box is not None:
-        return _groups(free, size, _shape(section.box), "/optimise/box")
-    if section.region is not None:
-        return _groups(free, size, _shape(section.region.shape), "/optimise/region")
-    return ()
-
-
-def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tuple[FreeFiducial, ...]:
+        groups = [(free, section.box, "/optimise/box")]
+    elif section.region is not None:
+        groups = [(free, section.region.shape, "/optimise/region")]
     return tuple(
-        FreeFiducial(tuple(fiducials[k : k + size]), region, pointer) for k in range(0, len(fiducials) - size + 1, size)
+        FreeFiducial(tuple(map(index, labels[k : k + size])), region, pointer)
+        for labels, region, pointer in ((labels, _shape(shape), pointer) for labels, shape, pointer in groups)
+        for k in range(0, len(labels) - size + 1, size)
     )
 
 
@@ -272,18 +262,6 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
         price = _price(free.cost, free.cost_weight)
         low, high = (native(getattr(free, f"{end}_{free.unit}")) for end in ("min", "max"))
     return FreeHalfWidth(free.interface, free.component, low, high, price, pointer)
-
-
-def _pivots(section: Optimise) -> tuple[PivotVariable, ...]:
-    return tuple(
-        PivotVariable(
-            free.interface,
-            np.array(free.box.min_mm),
-            np.array(free.box.max_mm),
-            f"/optimise/pivots/{index}",
-        )
-        for index, free in enumerate(section.pivots)
-    )
 
 
 def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
