@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
@@ -456,9 +457,7 @@ def source_name(line: NamedLine) -> str:
 
 def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
     """Lines that do not overlap: components, and contributors without any; largest share first."""
-    counts: dict[str, int] = {}
-    for entry in contributors:
-        counts[entry.name] = counts.get(entry.name, 0) + 1
+    counts = Counter(entry.name for entry in contributors)
     own = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
     return sorted(own, key=lambda entry: entry.variance_share, reverse=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
@@ -317,10 +318,7 @@ def assumed_sentence(assumed: Sequence[str]) -> str:
     """How many values nobody stated, and in which sections of the design; "" where everything is stated."""
     if not assumed:
         return ""
-    sections: dict[str, int] = {}
-    for pointer in assumed:
-        name = pointer.split("/")[1]
-        sections[name] = sections.get(name, 0) + 1
+    sections = Counter(pointer.split("/")[1] for pointer in assumed)
     listed = ", ".join(f"{count} in {name}" for name, count in sections.items())
     return f"{len(assumed)} value{'' if len(assumed) == 1 else 's'} that nobody stated ({listed})"
 

@@ -107,7 +107,7 @@ def read_step(
         raise LimitError(Problem("", "too-many", detail, "name them, or state their diameter", name))
     if len(left) > MOST_LISTED:
         notes.append(f"{name}: {len(left) - MOST_LISTED} more bodies were left than are listed")
-    labels = _label(taken)
+    labels = _label([body.label for body in taken])
     bodies = [
         StepBody(label, body.path, body.position_mm, body.diameter_mm, "")
         for label, body in zip(labels, taken, strict=True)
@@ -160,8 +160,7 @@ def _find_bodies(assembly: Assembly, selection: StepSelection, to_con: Array) ->
             if not reason and selection.diameter_mm is not None:
                 away = abs(diameter - selection.diameter_mm) - selection.tolerance_mm
                 if away > 1e-9 * diameter:
-                    wanted = f"{selection.diameter_mm:g} ± {selection.tolerance_mm:g} mm"
-                    reason = f"its diameter is not {wanted}"
+                    reason = f"its diameter is not {selection.diameter_mm:g} ± {selection.tolerance_mm:g} mm"
             yield StepBody(label, body.path, _point(matrix, sphere.centre), diameter, reason)
         if not spheres and named:
             if assembly.is_free_form(body.number):
@@ -235,17 +234,17 @@ def _drop_repeated(taken: list[StepBody], name: str) -> tuple[list[StepBody], li
     return once, notes[:20]
 
 
-def _label(bodies: Sequence[StepBody]) -> list[str]:
-    """A label for each: its name, numbered where several have it; F1, F2, ... where it has none."""
-    counts = Counter(body.label for body in bodies)
+def _label(names: Sequence[str]) -> list[str]:
+    """A label for each of what has these names: its own, numbered where several have it; F1, F2, ... without one."""
+    counts = Counter(names)
     used = {label for label, count in counts.items() if count == 1}
     numbers: Counter[str] = Counter()
     labels = []
-    for body in bodies:
-        label = body.label
-        while not label or (label not in used if counts[label] == 1 else label == body.label or label in used):
-            numbers[body.label] += 1
-            label = f"{body.label}.{numbers[body.label]}" if body.label else f"F{numbers['']}"
+    for name in names:
+        label = name
+        while not label or (label not in used if counts[label] == 1 else label == name or label in used):
+            numbers[name] += 1
+            label = f"{name}.{numbers[name]}" if name else f"F{numbers['']}"
         labels.append(label)
     return labels
 
@@ -331,7 +330,7 @@ def _find_axes(assembly: Assembly, pattern: str | None, to_con: Array) -> list[t
         if fnmatchcase(label, pattern) and label not in taken:  # of a part, its body comes first
             matrix = to_con @ frame
             axes.append((label, matrix[:3, 3], turn_positive(matrix[:3, 2])))
-    labels = _label([StepBody(label, "", None, None, "") for label, _, _ in axes])
+    labels = _label([label for label, _, _ in axes])
     named = [(label, point, axis) for label, (_, point, axis) in zip(labels, axes, strict=True)]
     return sorted(named, key=lambda each: [part.zfill(9) for part in re.split(r"(\d+)", each[0])])
 
