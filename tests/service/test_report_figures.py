@@ -18,16 +18,15 @@ from service_scenes import EXAMPLES, small_design
 
 from tailstack import Design, load_design, score
 from tailstack.design import compile_design
-from tailstack.design.pointers import pointer_of
 from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
-from tailstack.propagation.linear import LinearModel, linearise
+from tailstack.propagation.linear import LinearModel
 from tailstack.results import WorthyPlace
 from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.operations.layout import lay_out
-from tailstack_service.report import half_widths, images
+from tailstack_service.report import images
 from tailstack_service.report import scene as scenes
 from tailstack_service.report.charts import (
     PHONE,
@@ -38,9 +37,7 @@ from tailstack_service.report.charts import (
     draw_scale,
     draw_shares,
     draw_sweep,
-    draw_tolerances,
 )
-from tailstack_service.report.half_widths import Judgement, ToleranceCurves, allowances, tolerance_curves
 from tailstack_service.report.images import draw_images
 from tailstack_service.report.records import ErrorDistribution, Headline
 from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of
@@ -426,118 +423,6 @@ def test_an_unknown_image_size_and_a_layout_before_are_drawn_as_such() -> None:
     assert len(moved) == 2 * 4 + 1  # and the legend's
 
 
-# --- the quantile over each half-width ------------------------------------------------------------
-
-
-def by_document(design: Design, path: str, values: list[float], target: str) -> list[float]:
-    """P95 from documents with another number in them: nothing of the curves is used."""
-    axes = read_axes(design, [{"pointer": pointer_of(design.source.data, path), "values": values}])
-    found = sweep(design, axes)
-    return [next(entry.p95_mm for entry in point.targets if entry.name == target) for point in found.points]
-
-
-@pytest.mark.long("slicer_markups-structure_connector-rz-interfaces.structure_connector.tolerances.rz.half_width_deg")
-@pytest.mark.parametrize(
-    ("name", "contributor", "component", "path"),
-    [
-        ("demo", "structure_connector", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
-        ("demo", "connector_flange", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
-        ("demo", "fiducial_noise:LAT", "all", "views.LAT.fiducial_noise_px"),
-        ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
-        ("locators_321", "structure_connector", "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
-        ("slicer_markups", "structure_connector", "rz", "interfaces.structure_connector.tolerances.rz.half_width_deg"),
-        ("bounded", "structure_connector", "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
-    ],
-)
-def test_curves_are_the_scores_of_changed_documents(name: str, contributor: str, component: str, path: str) -> None:
-    """independent: each point against the score of a document with that half-width; of what is bounded counts its worst
-    end, which moves the mean."""
-    law = "interfaces.structure_connector.tolerances.rx.distribution"
-    design = DEMO.with_value(law, "bounded") if name == "bounded" else example(name)
-    worst = max(score(design).targets, key=lambda entry: entry.p95_mm)
-    found = tolerance_curves(design, worst.name, most=40)
-    curve = next(e for e in found.curves if (e.contributor, e.component) == (contributor, component))
-    places = [0, 2, 5, 9]
-    expected = by_document(design, path, [curve.half_widths[k] for k in places], worst.name)
-    np.testing.assert_allclose([curve.quantile_mm[k] for k in places], expected, rtol=2e-6)
-    assert found.quantile_mm == pytest.approx(worst.p95_mm, rel=1e-9)
-    assert curve.quantile_mm[curve.half_widths.index(curve.half_width)] == found.quantile_mm
-
-
-def test_curves_of_another_error_and_quantile() -> None:
-    """independent: the check that the score made of the same requirement."""
-    design = example("slicer_markups")
-    check = max(score(design).verdict.checks, key=lambda entry: entry.value)
-    found = tolerance_curves(design, check.target, Judgement("localisation", check.quantile))
-    assert found.quantile_mm == pytest.approx(check.value, rel=1e-9)
-    with pytest.raises(ValueError, match="no target"):
-        tolerance_curves(design, "elsewhere")
-
-
-def test_curves_of_the_demo_are_cheap_and_ordered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One linear model serves for all of them; what is computed of it once for each point is a quantile."""
-    models = calls_of(monkeypatch, half_widths, "linearise")
-    quantiles = calls_of(monkeypatch, Judgement, "quantile_mm")
-    found = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0))
-    points = sum(len(curve.half_widths) for curve in found.curves)
-    assert len(models) == 1
-    assert len(quantiles) <= 2 * 24 + 1 + points  # two for each of 24 sources tell which are drawn
-    rises = [curve.quantile_mm[-1] - curve.quantile_mm[0] for curve in found.curves]
-    assert rises == sorted(rises, reverse=True)
-    assert len(found.curves) == 12
-    assert found.left_out == 12  # 24 sources in the budget: every one of them changes P95
-
-
-def panel_places(root: ElementTree.Element) -> list[tuple[float, float, float, float]]:
-    return [
-        tuple(float(box.attrib[key]) for key in ("x", "y", "width", "height"))  # type: ignore[misc]
-        for box in root.iter(f"{SVG}rect")
-        if box.attrib.get("width") == "188.0" and "stroke" in box.attrib
-    ]
-
-
-def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met() -> None:
-    """closed form: a third of the width at the half-width as it is; up by the ticks of the same picture."""
-    found, judged = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0)), score(DEMO).verdict.checks
-    system = compile_design(DEMO)
-    room = allowances(DEMO, system, linearise(system, system.targets[0]), "tip", judged)
-    root = check_picture(draw_tolerances(found, room))
-    panels = panel_places(root)
-    dots = circles(root, "#0072b2")
-    assert len(panels) == len(found.curves) == len(dots) - 1  # the legend's
-    left, top, width, height = panels[0]
-    assert dots[0][0] == pytest.approx(left + width / 3, abs=0.06)
-    ticks = [
-        (float(str(e.text)), float(e.attrib["y"]) - 4.2)  # a number stands with its middle at its height
-        for e in root.iter(f"{SVG}text")
-        if e.attrib.get("text-anchor") == "end"
-        and top < float(e.attrib["y"]) < top + height
-        and float(e.attrib["x"]) < left
-    ]
-    (low, y_low), (high, y_high) = ticks[0], ticks[-1]
-    assert dots[0][1] == pytest.approx(y_low + (found.quantile_mm - low) / (high - low) * (y_high - y_low), abs=0.2)
-    closed = [e for e in root.iter(f"{SVG}path") if e.attrib["d"].endswith("Z") and e.attrib["stroke"] == "#b3261e"]
-    diamonds = [np.array(numbers(e.attrib["d"])).reshape(-1, 2) for e in closed]
-    assert len(diamonds) == 2
-    largest = next(each.at_limit for each in room if each.contributor == found.curves[0].contributor
-                   and each.component == found.curves[0].component)  # fmt: skip
-    assert largest is not None
-    assert diamonds[0][:, 0].mean() == pytest.approx(left + width * largest / 0.6, abs=0.1)
-    words = [str(entry.text) for entry in root.iter(f"{SVG}text")]
-    assert "± 0.2 deg; limit met up to 0.0766 deg" in words
-    assert "± 0.1 deg; 0 does not meet the limit" in words
-
-
-@pytest.mark.parametrize("fraction", [None, 0.9])
-def test_a_long_target_pushes_no_line_of_the_legend_off_the_page(fraction: float | None) -> None:
-    data = json.loads(json.dumps(DEMO.source.data).replace('"tip"', '"Clivus, the lowest place that is in reach (B)"'))
-    name = data["targets"][0]["name"]
-    found = tolerance_curves(load_design(data), name, Judgement(limit_mm=1.0, units_fraction=fraction), most=3)
-    words = [entry[0] for entry in texts(check_picture(draw_tolerances(found)))]
-    assert "limit 1 mm" in words
-    assert "as it is, " in " ".join(words)
-
-
 # --- charts ---------------------------------------------------------------------------------------
 
 
@@ -611,7 +496,6 @@ def test_charts_of_budgets_are_legible(name: str) -> None:
     for check in found.verdict.checks[:1]:
         levers = [lever for lever in found.levers if lever.requirement == check.requirement]
         check_picture(draw_levers(levers, check))
-    check_picture(draw_tolerances(tolerance_curves(example(name), target.name, Judgement(limit_mm=target.limit_mm))))
 
 
 def test_budgets_side_by_side_add_as_squares() -> None:
@@ -650,11 +534,9 @@ def test_names_cannot_break_a_picture() -> None:
     record = score(design)
     target, check = record.targets[0], replace(record.verdict.checks[0], requirement=HOSTILE)
     levers = [replace(lever, label=HOSTILE) for lever in record.levers]
-    found: ToleranceCurves = tolerance_curves(design, HOSTILE, Judgement(limit_mm=1.0))
     hostile = replace(distribution("tip", 0.5), target=HOSTILE)
     pictures = [
         draw_scene(scene(design)), draw_images(design, HOSTILE),
-        draw_tolerances(found),
         draw_shares(target.contributors, HOSTILE), draw_levers(levers, check),
         draw_distribution(hostile, 0.8, None, None, "d"), draw_budgets(target, target, (HOSTILE, "\x1b[31m\u202e")),
         draw_errors(hostile, hostile, (0.8, 0.8), None, (HOSTILE, HOSTILE)),
@@ -677,7 +559,6 @@ def test_nothing_random_is_said() -> None:
     target = score(design).targets[0]
     svg = draw_shares(target.contributors, target.name)
     assert "nothing is random" in {str(entry.text) for entry in check_picture(svg).iter(f"{SVG}text")}
-    assert tolerance_curves(design, target.name).curves == ()
     assert of(scene(design), "arrow", "bias")
 
 

@@ -446,7 +446,7 @@ def test_pictures_are_named_above_them(body: bytes) -> None:
     for figure in figures:
         assert figure.index("<figcaption><strong>") < figure.index("<svg")
     target, requirement = "Target tip", "tip-accuracy"
-    named = {"waterfall": target, "levers": requirement, "tolerances-1": target, "distribution-1": target}
+    named = {"waterfall": target, "levers": requirement, "distribution-1": target}
     for name, of in named.items():
         figure = next(figure for figure in figures if f'id="figure-{name}"' in figure)
         assert f"<strong>{of}: </strong>" in figure

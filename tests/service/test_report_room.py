@@ -47,6 +47,34 @@ def test_at_its_limit_a_tolerance_gives_the_limit(limit_mm: float) -> None:
     assert again.targets[0].p95_mm == pytest.approx(limit_mm, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "contributor", "component", "path"),
+    [
+        ("demo", "connector_flange", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
+        ("demo", "fiducial_noise:LAT", "all", "views.LAT.fiducial_noise_px"),
+        ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
+        ("bounded", SEAT, "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
+        ("locators_321", SEAT, "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
+    ],
+)
+def test_at_its_limit_any_source_of_any_design_gives_the_limit(
+    name: str, contributor: str, component: str, path: str
+) -> None:
+    """independent: the document with that number in it is scored; of what is bounded counts its worst end, which moves
+    the mean."""
+    design = load_design(EXAMPLES / f"{'demo' if name == 'bounded' else name}.yaml")
+    if name == "bounded":
+        design = design.with_value("interfaces.structure_connector.tolerances.rx.distribution", "bounded")
+    if name != "locators_321":
+        design = design.with_value("requirements.tip-accuracy.limit_mm", 1.25)
+    found = of(compute_report(design, ReportContents(parts=("score",))), contributor, component)
+    assert found.status == "spare"
+    assert found.at_limit is not None
+    checks = score(design.with_value(path, found.at_limit), losses=False).verdict.checks
+    (check,) = [check for check in checks if (check.requirement, check.target) == (found.requirement, found.target)]
+    assert check.value == pytest.approx(check.limit, rel=1e-6)
+
+
 def test_noise_has_room_and_what_cannot_help_or_has_no_requirement_has_none() -> None:
     design = limited(0.9)
     found = of(reported(design), "fiducial_noise:AP", "all")

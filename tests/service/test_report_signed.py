@@ -30,9 +30,8 @@ from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
-from tailstack_service.report.charts import draw_budgets, draw_distribution, draw_shares, draw_tolerances
+from tailstack_service.report.charts import draw_budgets, draw_distribution, draw_shares
 from tailstack_service.report.comparing import compute_comparison
-from tailstack_service.report.half_widths import tolerance_curves
 from tailstack_service.report.records import ErrorDistribution
 
 BLOCK = {"number": "DG-1042", "revision": "C", "date": "2026-11-28", "author": "M. Keller"}
@@ -300,6 +299,3 @@ def test_a_long_name_is_whole_and_hides_nothing() -> None:
     renamed = tuple(replace(entry, label=LONG) if entry.name == "hand_eye" else entry for entry in target.contributors)
     assert f"{LONG} tx" in words_of(draw_shares(renamed, "tip"))
     assert f"{LONG} tx" in words_of(draw_budgets(target, replace(target, contributors=renamed)))
-    curves = tolerance_curves(design, "tip")
-    long = replace(curves, curves=tuple(replace(curve, label=LONG) for curve in curves.curves))
-    assert words_of(draw_tolerances(long)).count(LONG) == len(curves.curves)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,6 @@ from tailstack.results import ERRORS, Check, Contributor, Interval, Lever, Targe
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
-from tailstack.results.verdicts import headline_of
 
 from ..problems import RequestError
 from ..rendering.sentences import budget_line
@@ -21,7 +20,6 @@ from ..rendering.tables import columns
 from .page import (
     DASHED,
     DOTTED,
-    LINE,
     ROW,
     SHORT,
     BarRows,
@@ -34,16 +32,14 @@ from .page import (
     titled_page,
     upright,
 )
-from .svg import CHARACTER, LONGEST, WIDTH, broken, printable
+from .svg import CHARACTER, LONGEST, WIDTH, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 
-    from .half_widths import Judgement, ToleranceCurve, ToleranceCurves
-    from .matplotlib_svg import Chart
-    from .records import Allowance, ErrorDistribution, Headline
+    from .records import ErrorDistribution, Headline
 
 BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
@@ -214,124 +210,6 @@ def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[f
     """Lengths below and above values; none to an end on the wrong side, as a record that somebody changed may have."""
     pairs = list(zip(values, intervals, strict=True))
     return [[max(0.0, at - low) for at, (low, _) in pairs], [max(0.0, high - at) for at, (_, high) in pairs]]
-
-
-# --- the quantile over each half-width ------------------------------------------------------------
-
-COLUMNS, PANEL = 3, (38, 188, 84)  # of small pictures; in one: room for numbers, width and height of the plot
-CAP = 1.6  # the scale ends at so many times what the quantile is: steeper curves leave it
-NEVER = "zero is not enough"  # as an allowance has it
-
-
-def draw_tolerances(
-    shown: ToleranceCurves, allowances: Sequence[Allowance] = (), name: str = "tolerances", decimals: int = 3
-) -> str:
-    """One small picture per source, steepest first; the dot is the design as it is.
-
-    allowances: where each source meets the limit, of the record.
-    """
-    known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == shown.target}
-    names = [broken(source_name(curve), 34) for curve in shown.curves]
-    rows = [names[k : k + COLUMNS] for k in range(0, len(names), COLUMNS)]
-    heads = [LINE * (max(map(len, row)) - 1) for row in rows]  # what long names take
-    low, high = _ends(shown)
-    with open_page(name, sum(heads) + 158 * len(rows) + 42) as page:
-        top = 4.0
-        for row, lines in enumerate(rows):
-            top += heads[row]
-            for column, words in enumerate(lines):
-                curve = shown.curves[row * COLUMNS + column]
-                own = known.get((curve.contributor, curve.component))
-                left = (WIDTH // COLUMNS) * column
-                for k, line in enumerate(words):
-                    page.say(left + 8, top + 12 + LINE * (k + 1 - len(words)), line, weight="bold")
-                never = own is not None and own.status == NEVER
-                page.say(left + 8, top + 27, _met(curve, own), color=LIMIT_COLOUR if never else INK)
-                axes = page.axes(left + PANEL[0], top + 38, left + PANEL[0] + PANEL[1], top + 38 + PANEL[2])
-                axes.set_ylim(low, high)
-                _panel(axes, shown, curve, None if own is None else own.at_limit)
-            top += 158
-        _explain_tolerances(page, shown, top + 12, decimals)
-        title = (
-            f"{_headline(shown.judgement, ERRORS[shown.judgement.error])} at target {shown.target} over each half-width"
-        )
-        return page.svg(title, _words(shown, known, decimals))
-
-
-def _headline(judgement: Judgement, of: str = "") -> str:
-    return headline_of(judgement.quantile, judgement.units_fraction, of, risk=judgement.risk)
-
-
-def _ends(shown: ToleranceCurves) -> tuple[float, float]:
-    """Of the upward scale that all the small pictures have."""
-    values = [shown.quantile_mm, *(value for curve in shown.curves for value in curve.quantile_mm)]
-    limit = shown.judgement.limit_mm
-    visible = [limit] if limit is not None and limit < 2 * CAP * shown.quantile_mm else []
-    cap = max([CAP * shown.quantile_mm, *(1.1 * limit for limit in visible)])
-    high, low = min(max([*values, *visible]), cap), min([*values, *visible])
-    pad = 0.07 * max(high - low, 1e-6 * high, 1e-9)
-    return max(low - pad, 0.0), high + pad
-
-
-def _panel(axes: Axes, shown: ToleranceCurves, curve: ToleranceCurve, at_limit: float | None) -> None:
-    widest = curve.half_widths[-1]
-    ticks = [widest * k / 3 for k in range(4)]
-    axes.set_xlim(0, widest)
-    axes.set_xticks(ticks, [*(f"{tick:.3g}" for tick in ticks[:3]), ""])
-    beside(axes, (widest, 0.0), f"{widest:.3g} {curve.unit}", (10, -16), of="x", ha="right", color=MUTED)
-    axes.xaxis.grid(False)
-    axes.spines["bottom"].set_visible(False)
-    axes.patch.set(facecolor="#ffffff", edgecolor=FAINT, linewidth=0.7)
-    limit, met = shown.judgement.limit_mm, at_limit if at_limit is not None and at_limit <= widest else None
-    if limit is not None:
-        axes.axhline(limit, color=LIMIT_COLOUR, linewidth=1.4, linestyle=DASHED)
-        if met is not None:
-            axes.plot([met] * 2, [0, limit], color=LIMIT_COLOUR, linewidth=1, linestyle=DOTTED)
-    axes.plot(curve.half_widths, curve.quantile_mm, color=VALUE_COLOUR)
-    if limit is not None and met is not None:
-        axes.plot(met, limit, "D", markersize=8.4, markerfacecolor="#ffffff", markeredgecolor=LIMIT_COLOUR)
-    axes.plot(
-        curve.half_width, shown.quantile_mm, "o", color=VALUE_COLOUR, markersize=7.2, markeredgewidth=1.4, clip_on=False
-    )
-
-
-def _met(curve: ToleranceCurve, own: Allowance | None) -> str:
-    """What it is, and how far it may go."""
-    now = f"{'σ' if curve.unit == 'px' else '±'} {curve.half_width:.3g} {curve.unit}"
-    if own is None or own.status == "no requirement":
-        return now
-    if own.at_limit is None:
-        return f"{now}; {'0 does not meet the limit' if own.status == NEVER else 'within the limit however wide'}"
-    return f"{now}; limit met up to {own.at_limit:.3g} {curve.unit}"
-
-
-def _explain_tolerances(page: Chart, shown: ToleranceCurves, y: float, decimals: int) -> None:
-    line_of = page.sample
-    marks = [(line_of(color=VALUE_COLOUR), _headline(shown.judgement))]
-    marks.append(
-        (line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.{decimals}f} mm")
-    )
-    if shown.judgement.limit_mm is not None:
-        limit = line_of(color=LIMIT_COLOUR, linestyle=DASHED, linewidth=1.4)
-        marks.append((limit, f"limit {shown.judgement.limit_mm:g} mm"))
-    page.explain(8, y - 9, marks)
-    sentence = f"Up: {ERRORS[shown.judgement.error]}, mm; across: half-width of one source (σ for image noise)."
-    if shown.left_out:
-        sentence += f" {shown.left_out} more sources change less."
-    page.say(8, y + 17, sentence, color=MUTED)
-
-
-def _words(shown: ToleranceCurves, known: Mapping[tuple[str, str], Allowance], decimals: int) -> str:
-    def written(value: float) -> str:
-        return f"{value:.{decimals}f} mm"
-
-    listed = "; ".join(
-        f"{source_name(curve)} {_met(curve, known.get((curve.contributor, curve.component)))}, "
-        f"{written(curve.quantile_mm[0])} at 0 and {written(curve.quantile_mm[-1])} at three times"
-        for curve in shown.curves
-    )
-    limit = shown.judgement.limit_mm
-    return f"As it is: {written(shown.quantile_mm)}.{'' if limit is None else f' The limit is {limit:g} mm.'} {listed}."
 
 
 # --- two designs ----------------------------------------------------------------------------------

@@ -9,12 +9,10 @@ from tailstack.results.verification import estimates_table
 
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ...rendering.sentences import units_sentence
-from ..charts import draw_distribution, draw_tolerances
+from ..charts import draw_distribution
 from ..dots import dots_blocks
-from ..half_widths import judgement_of, tolerance_curves
-from ..headline import tightest_check
 from ..records import Report
-from .layout import beads_table, layout_blocks, load_inside, score_if_determined
+from .layout import beads_table, layout_blocks, score_if_determined
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -30,7 +28,6 @@ from .score import (
     error_blocks,
     headline_figure,
     key_numbers,
-    largest_targets,
     levers_blocks,
     losses_listed,
     measures_blocks,
@@ -45,7 +42,7 @@ def report_document(report: Report, sha256: str) -> Document:
     """The whole report."""
     headline, drawn = report.headline, (report.design, report.score)
     sections = [
-        Section("The budget", budget_chapter(report)),
+        Section("The budget", (*budget_blocks(report.score, report.allowances), *levers_blocks(report.score))),
         Section("The error", error_chapter(report)),
         Section("The layout", (*layout_blocks(drawn, report.title), beads_table(report.design))),
         Section("Requirements and findings", judged_blocks(report)),
@@ -85,22 +82,6 @@ def report_document(report: Report, sha256: str) -> Document:
         provenance=provenance_facts(report.provenance, sha256, report.schema),
         made=report.provenance,
     )
-
-
-def budget_chapter(report: Report) -> tuple[Block, ...]:
-    """What binds, shares, the table, and the quantile over each half-width."""
-    blocks = [*budget_blocks(report.score, report.allowances), *levers_blocks(report.score)]
-    design = load_inside(report.design)
-    for k, target in enumerate(largest_targets(report.score)):
-        check = tightest_check(report.score.verdict.checks, target.name)
-        curves = tolerance_curves(design, target.name, judgement_of(check))
-        if curves.curves:
-            name = f"tolerances-{k + 1}"
-            caption = f"Target {target.name}: the estimated error over each half-width, the others as they are."
-            blocks.append(
-                Figure(name, draw_tolerances(curves, report.allowances, name, report.score.decimals), caption)
-            )
-    return tuple(blocks)
 
 
 def error_chapter(report: Report) -> tuple[Block, ...]:
