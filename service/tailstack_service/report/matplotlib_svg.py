@@ -106,13 +106,6 @@ class Chart:
         return picture(self.name, title, words, self.height, renderer.parts, self.width, by)
 
 
-@contextmanager
-def chart(name: str, width: float, height: float) -> Iterator[Chart]:
-    """A page to draw on, in our style."""
-    with style():
-        yield Chart(name, width, height)
-
-
 def plain(value: float) -> str:
     """A number of an axis: no digits that say nothing, and a minus sign that is one."""
     return f"{round(value, 12) + 0.0:g}".replace("-", "−")

@@ -25,7 +25,6 @@ from .radiostereometry import radiostereometry_blocks
 from .review import review_sections
 from .score import (
     budget_blocks,
-    error_blocks,
     headline_figure,
     key_numbers,
     levers_blocks,
@@ -123,7 +122,7 @@ def judged_blocks(report: Report) -> tuple[Block, ...]:
         blocks.append(views_table(report.score.views))
     if any(line.mixture for line in report.score.losses):
         blocks.append(losses_listed(report.score))
-    return tuple(blocks) or error_blocks(report.score)
+    return tuple(blocks)
 
 
 def method_chapter(report: Report) -> tuple[Block, ...]:

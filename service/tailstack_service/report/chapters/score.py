@@ -22,7 +22,7 @@ from tailstack.results import (
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.quality import quality_table
-from tailstack.results.score import budget_table, source_name, targets_table, views_table
+from tailstack.results.score import budget_table, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import (
     P95,
@@ -70,9 +70,7 @@ from ..live_budget import live_budget
 from ..records import Allowance, Headline
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
-LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
-AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
 
 
@@ -371,8 +369,8 @@ def largest_targets(score: Score) -> list[TargetScore]:
 
 
 def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
-    """What binds, then pictures and table of the budget of the targets with the largest P95."""
-    blocks: list[Block] = [Bullets(lines)] if (lines := what_binds(score, allowances)) else []
+    """Pictures and table of the budget of the targets with the largest P95."""
+    blocks: list[Block] = []
     if len(score.targets) > DETAILED:
         blocks.append(
             Paragraph(
@@ -441,59 +439,6 @@ def _say_reach(levers: Sequence[Lever], check: Check | None, score: Score) -> st
     if check.value <= check.limit:
         return f"{told}kept as it is"
     return f"{told}kept by {' or by '.join(alone)} alone" if alone else f"{told}no lever alone keeps it"
-
-
-def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
-    """The requirement nearest to its limit, the tolerances that it leaves no room, those at their bounds."""
-    sentences, decimals = [], score.decimals
-    tightest = max(score.verdict.checks, key=lambda check: check.value / check.limit, default=None)
-    if tightest is not None:
-        error = f"{ERRORS[tightest.error]} at {tightest.target}"
-        what = tightest.name_value(error)
-        sentences.append(
-            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
-            f"{length(tightest.value, decimals)} {tightest.unit} against {tightest.limit:g} {tightest.unit}."
-        )
-        named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
-        target = tightest.target if tightest.target in named else next(iter(named), "")
-        of_target = [entry for entry in allowances if entry.target == target and entry.half_width > 0]
-        alone = [entry for entry in of_target if entry.status == "too wide"]
-        if alone:
-            listed = "; ".join(
-                f"{source_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
-            )
-            sentences.append(
-                f"Any one of these alone brings {of_target[0].requirement} to its limit: {listed}{_more(alone)}."
-            )
-        elif of_target and all(entry.status == "zero is not enough" for entry in of_target):
-            sentences.append(
-                f"No tolerance alone brings {of_target[0].requirement} to its limit, not even at zero: several have to "
-                "shrink."
-            )
-        spare = [entry for entry in of_target if entry.status == "spare" and entry.slack is not None]
-        spare.sort(key=lambda entry: (entry.slack or 0.0) / entry.half_width)
-        if spare:
-            listed = "; ".join(
-                f"{source_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
-                for entry in spare[:LISTED]
-            )
-            asked = spare[0].requirement
-            sentences.append(f"Least room that {asked} leaves at {target}, one at a time: {listed}{_more(spare)}.")
-    bounds = [words for entry in allowances if (words := _at_bound(entry))]
-    if bounds:
-        sentences.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
-    return tuple(sentences)
-
-
-def _more(entries: Sequence[Allowance]) -> str:
-    return f"; and {len(entries) - LISTED} more" if len(entries) > LISTED else ""
-
-
-def _at_bound(entry: Allowance) -> str:
-    for word, bound in (("smallest", entry.smallest), ("largest", entry.largest)):
-        if bound is not None and abs(entry.half_width - bound) <= AT_BOUND * bound:
-            return f"{source_name(entry)} at its {word}, {bound:g} {entry.unit}"
-    return ""
 
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
