@@ -149,30 +149,20 @@ def test_a_design_that_is_sent_again_stays_and_old_ones_go(store: Database, cloc
     assert [designs.read_design(store, "a", name * 64) is not None for name in "13"] == [False, True]
 
 
-def test_a_refusal_points_into_the_patched_design_and_says_what_came_through_the_patch(client: httpx.Client) -> None:
+def test_a_refusal_points_into_the_patched_design(client: httpx.Client) -> None:
     name = sha256_of(score(client, design=small_design()))
     views = small_design()["views"]
     views[1]["fiducial_noise_px"] = -1.0
     patch = {"views": views, "targets": None, "interfaces": {"connector_flange": {"tolerances": {"qx": {}}}}}
     problem = check_problem(score(client, design_sha256=name, patch=patch), 422, "invalid-design")
-    found = {entry["pointer"]: entry["detail"].rpartition("; ")[2] for entry in problem["errors"]}
-    value = "/views/1/fiducial_noise_px"
-    assert found[f"/design{value}"] == f"this came through the patch, at /patch{value}"
-    field = "/interfaces/connector_flange/tolerances/qx"
-    assert found[f"/design{field}"] == f"the patch changes what is here, at /patch{field}"
-    assert found["/design/targets"] == "this came through the patch, at /patch/targets"
-
-    broken = small_design(name=7)
-    problem = check_problem(score(client, design=broken, patch={"views": views}), 422, "invalid-design")
-    found = {entry["pointer"]: "patch" in entry["detail"] for entry in problem["errors"]}
-    assert found == {"/design/name": False, "/design/views/1/fiducial_noise_px": True}
+    places = ("views/1/fiducial_noise_px", "interfaces/connector_flange/tolerances/qx", "targets")
+    assert {entry["pointer"] for entry in problem["errors"]} == {f"/design/{place}" for place in places}
 
 
-def test_a_layout_that_the_patch_made_flat_is_refused_with_the_place_in_the_patch(client: httpx.Client) -> None:
+def test_a_layout_that_the_patch_made_flat_is_refused(client: httpx.Client) -> None:
     patch = {"fiducials": {"points": coplanar_design()["fiducials"]["points"]}}
     problem = check_problem(score(client, design=small_design(), patch=patch), 422, "ill-posed-geometry")
     assert problem["errors"][0]["pointer"].startswith("/design/fiducials")
-    assert "the patch changes what is here, at /patch/fiducials" in problem["errors"][0]["detail"]
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def _complete(operation: Operation, request: Request, settings: Settings) -> Rec
             answer = to_json(operation.run(Call(request.designs, request.options)))
         except TailstackError as error:
             raise request.place(error) from None
-        return Reception(answer=answer, designs=() if request.partial is not None else request.nameable)
+        return Reception(answer=answer, designs=() if request.patched else request.nameable)
     operation.check(request, settings)
     options = request.options.keep(*request.designs)
     titles = " against ".join(design.name for design in reversed(request.designs)) or operation.summary

@@ -328,7 +328,7 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
         raise request.place(error) from None
     cells = _read_cells(scores, settings.max_batch_rows)
     batch = scores.batch
-    nameable = request.nameable if form == "json" and request.partial is None else ()
+    nameable = request.nameable if form == "json" and not request.patched else ()
     content = json.loads(_content(scores, cells))
     return SentTable(
         content, request.design.name, form, len(cells[0]), row_seconds(batch), rows_a_unit(batch), nameable

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from tailstack.errors import Problem, TailstackError
+from tailstack.errors import Problem
 
 from ..problems import RequestError
 
@@ -37,39 +37,6 @@ class PartialDocument:
 
     sha256: str | None  # of the design that it begins from; None: it is in the request
     patch: dict[str, Any]
-
-    def mention(self, error: TailstackError) -> None:
-        """Let a refusal of the patched design say which of its problems came through the patch."""
-        error.problems = tuple(map(self._mention, error.problems))
-
-    def _mention(self, problem: Problem) -> Problem:
-        place = find_in_patch(self.patch, problem.pointer) if self.patch else None
-        if place is None:
-            return problem
-        at, whole = place
-        words = "this came through the patch, at" if whole else "the patch changes what is here, at"
-        return replace(problem, detail=f"{problem.detail}; {words} /{PATCH}{at}")
-
-
-def find_in_patch(patch: dict[str, Any], pointer: str) -> tuple[str, bool] | None:
-    """Where a patch speaks of a place of the patched document, and whether what is there came from the patch alone.
-
-    None if it leaves the place as it was.
-    """
-    node: Any = patch
-    at = ""
-    for step in pointer.split("/")[1:]:
-        name = step.replace("~1", "/").replace("~0", "~")
-        if isinstance(node, dict):
-            if name not in node:
-                return None
-            node = node[name]
-        elif isinstance(node, list) and name.isdecimal() and int(name) < len(node):
-            node = node[int(name)]
-        else:
-            break
-        at = f"{at}/{step}"
-    return at, not isinstance(node, dict)
 
 
 def read_partial(data: dict[str, Any], fields: Sequence[str]) -> PartialDocument | None:

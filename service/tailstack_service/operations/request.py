@@ -64,7 +64,7 @@ class Request:
     data: dict[str, dict[str, Any]]  # the designs as they were sent, by field
     prefixes: tuple[str, ...]  # pointers to the designs in what was sent
     bare_design: bool  # the body was the design itself
-    partial: PartialDocument | None = None  # how the design was put together, if it was not sent whole
+    patched: bool = False  # the design was put together from another one
 
     @property
     def design(self) -> Design:
@@ -87,7 +87,7 @@ class Request:
 
     def place(self, error: TailstackError, which: int = 0) -> RefusedAt:
         """A refusal of a design, placed in what was sent."""
-        return _place(error, self.prefixes[which], self.partial)
+        return RefusedAt.place(error, self.prefixes[which])
 
 
 def read_request(
@@ -106,9 +106,9 @@ def read_request(
     options = read_options(kind, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if partial is not None:
         body["design"] = _apply_patch(body, partial, sent)
-    designs = tuple(design_of(body, settings, field, partial) for field in fields)
+    designs = tuple(design_of(body, settings, field) for field in fields)
     data = {field: body[field] for field in fields}
-    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial)
+    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial is not None)
 
 
 def _apply_patch(body: dict[str, Any], partial: PartialDocument, sent: RawRequest) -> Any:
@@ -289,9 +289,7 @@ def parse_json(body: bytes, settings: Settings, *, yaml: bool = True) -> dict[st
     return data
 
 
-def design_of(
-    data: dict[str, Any], settings: Settings, field: str = "design", partial: PartialDocument | None = None
-) -> Design:
+def design_of(data: dict[str, Any], settings: Settings, field: str = "design") -> Design:
     """The design in a field of a JSON body.  Raises RequestError, RefusedAt for what the design is refused for."""
     if field not in data:
         if str(data.get("schema", "")).startswith("tailstack/design/"):
@@ -303,9 +301,9 @@ def design_of(
         problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {show(data[field])}")
         if holds_points(data[field]):
             problem = point_list_problem(None)
-        raise _place(DesignError(problem), f"/{field}", partial)
+        raise RefusedAt.place(DesignError(problem), f"/{field}")
     source = DocumentSource(data[field], None, None)  # read strictly with the body: plain data
-    return load(source, settings, f"/{field}", partial)
+    return load(source, settings, f"/{field}")
 
 
 def cure_line_ends(error: DesignError, body: bytes) -> DesignError:
@@ -318,9 +316,7 @@ def cure_line_ends(error: DesignError, body: bytes) -> DesignError:
     return DesignError([replace(error.problems[0], hint=KEPT_ENDS)])
 
 
-def load(
-    source: DocumentSource | bytes, settings: Settings, prefix: str, partial: PartialDocument | None = None
-) -> Design:
+def load(source: DocumentSource | bytes, settings: Settings, prefix: str) -> Design:
     """A checked design from what was read, or YAML.  Raises RefusedAt, MalformedError for what is not YAML at all."""
     form: Any = "yaml" if isinstance(source, bytes) else "auto"
     try:
@@ -333,15 +329,9 @@ def load(
             error = cure_line_ends(error, source)
         if isinstance(source, bytes) and all(p.code in SYNTAX for p in error.problems):
             raise MalformedError(error.problems) from None
-        raise _place(error, prefix, partial) from None
+        raise RefusedAt.place(error, prefix) from None
     except LimitError as error:
-        raise _place(LimitError(_name_settings(error.problems)), prefix, partial) from None
-
-
-def _place(error: TailstackError, at: str, partial: PartialDocument | None) -> RefusedAt:
-    if partial is not None and not isinstance(error, RefusedAt):
-        partial.mention(error)
-    return RefusedAt.place(error, at)
+        raise RefusedAt.place(LimitError(_name_settings(error.problems)), prefix) from None
 
 
 def _name_settings(problems: Sequence[Problem]) -> list[Problem]:
