@@ -1,14 +1,15 @@
 """Patterns that can match nothing, or not what they were written for, by policy and waivers: refused with the cure.
 
 A pattern that silently matches nothing leaves a class without designs, and its limits with nobody who is held to them.
-What other tools read as an exception, a list or a variable has no meaning here.
+Of signs a pattern has ``*`` and ``?``.  What others read as an exception, a list, a class of characters, a variable or
+a regular expression is refused wherever it stands, for nobody knows whether it is meant so.
 """
 
 from __future__ import annotations
 
 import posixpath
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,48 +29,27 @@ class Slip(NamedTuple):
     cure: str
 
 
-def _write_one_each(pattern: str, found: re.Match[str]) -> str:
-    inside = found.group()[1:-1]
-    each = [pattern[: found.start()] + part.strip() + pattern[found.end() :] for part in inside.split(",")]
-    return f"write one pattern for each: {', '.join(map(repr, each))}" if "," in inside else LIST
-
-
-_Cure = str | Callable[[str, re.Match[str]], str]
-LIST = "write one pattern for each"
-SIGN = "a sign that stands in a name is written ?"
-NAMED = "name what is meant; designs that are excepted get a class before this one"
-# What holds of any pattern, of files and of tolerances.  The first that is found is said.
-_ANYWHERE: tuple[tuple[str, str, _Cure], ...] = (
-    (r"^\s|\s$", "begins or ends with a blank", lambda pattern, _: f"write {pattern.strip()!r}"),
-    (r"^(['\"]).*\1$", "stands in quotes twice", lambda pattern, _: f"write {pattern[1:-1]!r}"),
-    (r"\$[{(\w]|\$\[\[|\{\{|%[A-Za-z_]\w*%", "has a variable, and none is filled in",
-     f"write what it stands for; {SIGN}"),
-    (r"^!", "begins with !, and there are no exceptions here", f"{NAMED}; {SIGN}"),
-    (r"[@+!]\(.*\)|[?*]\([^()]*\|.*\)|\|", "has alternatives, which are none here", f"{LIST}; {SIGN}"),
-    (r"\{[^{}]*(,|\.\.)[^{}]*\}", "has braces, which are no list here", _write_one_each),
-    (r"[\[\]]", "has a bracket, and there are no classes of characters here", f"{LIST}; {SIGN}"),
-    (r"^\^|\$$", "looks like a regular expression", "a pattern is always of the whole name: leave out ^ and $"),
-    (r"\\", "has a backslash, which is in no name",
-     lambda pattern, _: f"write {pattern.replace(chr(92), '/')!r}; {SIGN}"),
-)  # fmt: skip
-_FILES: tuple[tuple[str, str, _Cure], ...] = (
-    (r"^~[\w-]*(/|$)", "begins at somebody's home", "names begin at the root of the repository"),
-    (rf"^(?:{ABSOLUTE.pattern}|[A-Za-z][A-Za-z0-9+.-]+:/)", "is an absolute path",
-     lambda pattern, _: "names begin at the root of the repository, as in "
-     f"{'/'.join(pattern.split('/')[-2:]).strip('/')!r}"),
-    (r"\.(?:ya?ml|json)['\"]?[\s,;:]+\S*\.(?:ya?ml|json)$", "is several patterns in one", LIST),
-    (r"/$|^\.{1,2}$", "is a folder, and files are judged", lambda pattern, _: f"write {pattern.rstrip('/') + '/*'!r}"),
-)  # fmt: skip
+_SIGN = re.compile(r"""[\\'"$|{}\[\]^]|[@+!]\(|^!|%[A-Za-z_]\w*%|^\s|\s$""")
+_ELSEWHERE = re.compile(rf"~[\w-]*(/|$)|{ABSOLUTE.pattern}|[A-Za-z][A-Za-z0-9+.-]+:/")
+CURE = (
+    "write one pattern for each name that is meant, and ? for a sign that stands in a name; what is excepted gets a "
+    "class before this one"
+)
 
 
 def find_slip(pattern: str, *, of_files: bool = True) -> Slip | None:
     """What keeps a pattern from matching what it was written for; None if nothing does."""
     meant = normalise(pattern).removeprefix("./")
-    for expression, words, cure in (*_ANYWHERE, *(_FILES if of_files else ())):
-        if found := re.search(expression, meant):
-            return Slip(words, cure if isinstance(cure, str) else cure(meant, found))
-    parts = split_ascent(meant)[1].split("/")
-    if of_files and {"", ".", ".."} & {*parts}:
+    if sign := _SIGN.search(meant):
+        return Slip(f"has {sign.group()!r}, and of signs a pattern has * and ? alone", CURE)
+    if not of_files:
+        return None
+    if _ELSEWHERE.match(meant):
+        below = "/".join(meant.split("/")[-2:]).strip("/")
+        return Slip("is no path from the root of the repository", f"names begin there, as in {below!r}")
+    if meant.endswith("/") or meant in (".", ".."):
+        return Slip("is a folder, and files are judged", f"write {meant.rstrip('/') + '/*'!r}")
+    if {"", ".", ".."} & {*split_ascent(meant)[1].split("/")}:
         return Slip("has parts that no name has", f"write {posixpath.normpath(meant)!r}")
     return None
 
