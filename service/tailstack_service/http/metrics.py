@@ -74,6 +74,4 @@ class _StoreCollector(Collector):
         yield GaugeMetricFamily("tailstack_units_leased", "Units in the hands of workers.", now.leased_units)
         yield CounterMetricFamily("tailstack_units_recorded", "Units recorded.", now.recorded_units)
         yield CounterMetricFamily("tailstack_units_cpu_seconds", "CPU seconds of recorded units.", now.cpu_seconds)
-        damage = "Jobs that failed because something stored for them was found damaged."
-        yield GaugeMetricFamily("tailstack_jobs_damaged", damage, now.damaged_jobs)
         yield GaugeMetricFamily("tailstack_workers_alive", "Workers whose heartbeat is fresh.", now.live_workers)

@@ -25,7 +25,7 @@ from ...processes.task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .events import change_job, end_job, estimate_eta_seconds, render_problem
-from .results import PART, REQUEST, digest, fail_job, store_result
+from .results import PART, REQUEST, digest, report_damage, store_result
 from .tables import storable
 from .usage import count_unit
 from .workers import versions_at_work
@@ -280,9 +280,10 @@ def _drop_damaged(
             if digest(result.result) != sha256:
                 damages[job_id] = PART, sha256
     if damages:
-        query = sa.select(_JOB.id, _JOB.last_event, _JOB.finished_at).where(_JOB.id.in_(sorted(damages)))
+        query = sa.select(_JOB.id, _JOB.last_event).where(_JOB.id.in_(sorted(damages)))
         for job in connection.execute(query.with_for_update(skip_locked=True)):
-            fail_job(connection, job, at, *damages[job.id])
+            problem = render_problem(report_damage(*damages[job.id]))
+            end_job(connection, job, at, "failed", problem=problem, idempotency_key=None)
     return [row for row in rows if row.job_id not in damages]
 
 

@@ -120,17 +120,6 @@ events = sa.Table(
     Column("data", Text, nullable=False),
 )
 
-# Jobs that failed because of what was found damaged
-damages = sa.Table(
-    "damages",
-    metadata,
-    Column("job_id", Identifier, ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
-    Column("what", Text, nullable=False),  # answer, request, part
-    Column("sha256", Identifier, nullable=False),  # that it was stored under
-    Column("found_at", Double, nullable=False),
-    Index("damages_by_hash", "sha256"),
-)
-
 # Designs that later requests may name by their hash
 designs = sa.Table(
     "designs",

@@ -11,7 +11,6 @@ from sqlalchemy.engine import Connection
 
 from . import tables
 from .database import Database, insert, now, reading
-from .results import count_damaged
 from .workers import count_live
 
 KEPT_SECONDS = 86_400.0
@@ -28,7 +27,6 @@ class Figures:
     recorded_units: int  # since the database was made
     cpu_seconds: float  # of those
     live_workers: int
-    damaged_jobs: int  # that failed because something they stored was found damaged
 
 
 def count_unit(db: Database, connection: Connection, tenant: str, at: float, cpu_seconds: float) -> None:
@@ -88,7 +86,6 @@ def read_figures(db: Database, *, fresh_seconds: float = 60.0) -> Figures:
             recorded_units=int(recorded),
             cpu_seconds=float(cpu_seconds),
             live_workers=count_live(connection, at, fresh_seconds),
-            damaged_jobs=count_damaged(connection),
         )
 
 
