@@ -73,26 +73,24 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
     app.state.addresses = tuple((route.path, tuple(sorted(route.methods or ()))) for route in routes)
     storage = Storage(settings.database_url, clock)
 
-    async def find_key(secret: str) -> Any:
-        return await storage.run(keys.find_key, secret)
-
-    async def record_use(key_id: str, tenant: str, address: str) -> None:
-        await storage.write(audit.note_use, key_id, tenant, address)
-
-    async def read_design(tenant: str, sha256: str) -> bytes | None:
-        return await storage.run(designs.read_design, tenant, sha256)
-
-    async def keep_designs(entries: list[tuple[str, str, bytes]]) -> None:
-        await storage.write(designs.keep_designs, entries, settings.max_kept_designs)
-
     stopping = threading.Event()
     app.state.service = Service(
         settings=settings,
         stopping=stopping,
         storage=storage,
-        access=Access(settings, find_key, record_use, clock),
+        access=Access(
+            settings,
+            lambda secret: storage.run(keys.find_key, secret),
+            lambda key_id, tenant, address: storage.write(audit.note_use, key_id, tenant, address),
+            clock,
+        ),
         metrics=Metrics(),
-        kept_designs=KeptDesigns(read_design, keep_designs, off=settings.max_kept_designs == 0, clock=clock),
+        kept_designs=KeptDesigns(
+            lambda tenant, sha256: storage.run(designs.read_design, tenant, sha256),
+            lambda entries: storage.write(designs.keep_designs, entries, settings.max_kept_designs),
+            off=settings.max_kept_designs == 0,
+            clock=clock,
+        ),
         pool=ComputePool(
             settings.short_workers,
             settings.max_waiting,
@@ -105,8 +103,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
         ),
         clock=clock,
     )
-    app.add_middleware(Refusals, service=app.state.service)
-    app.add_middleware(RequestLog, service=app.state.service)
+    app.add_middleware(Answering, service=app.state.service)
     app.add_middleware(Prefix, settings=settings)
     return app
 
@@ -182,8 +179,12 @@ class Unsendable(Exception):
     """The server cannot send to this client any more: what came after the head was not HTTP."""
 
 
-class RequestLog:
-    """Gives each request an id (its own X-Request-ID if that is harmless), echoes it, logs and counts the outcome."""
+class Answering:
+    """The layer around every answer.
+
+    Gives each request an id (its own X-Request-ID if that is harmless) and echoes it, answers what no route answers
+    (addresses that are refused, stops, defects), logs and counts the outcome.
+    """
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self.app = app
@@ -193,11 +194,11 @@ class RequestLog:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        own_id = _first_headers(scope).get(b"x-request-id", b"")
+        request, headers = Request(scope, receive), _first_headers(scope)
+        own_id = headers.get(b"x-request-id", b"")
         request_id = own_id.decode() if HARMLESS_ID.match(own_id) else os.urandom(16).hex()
-        state = scope.setdefault("state", {})
-        state["request_id"] = request_id
-        started, status = self.service.clock.monotonic(), 0
+        request.state.request_id = request_id
+        started, status = self.service.clock.monotonic(), 0  # of the answer that was begun
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -211,18 +212,45 @@ class RequestLog:
                 raise Unsendable from error
 
         try:
-            await self.app(scope, receive, send_with_id)
+            refusal = await self._ask(request, headers, receive, send_with_id)
+            if refusal is not None and not status:
+                await refusal_response(request, refusal)(scope, receive, send_with_id)
         except Unsendable:
             while (await receive())["type"] != "http.disconnect":
                 pass
-        seconds = self.service.clock.monotonic() - started
+        self._note(request, status, self.service.clock.monotonic() - started)
+
+    async def _ask(
+        self, request: Request, headers: dict[bytes, bytes], receive: Receive, send: Send
+    ) -> TailstackError | None:
+        """Have the request answered; what is to be said instead, if nothing has been said yet."""
+        try:
+            if b"transfer-encoding" in headers and b"content-length" in headers:
+                raise _two_lengths_error()
+            self.service.access.check_address(request.method, headers, request.scope.get("scheme", "http"))
+            await self.app(request.scope, receive, send)
+        except TailstackError as error:
+            return error
+        except asyncio.CancelledError:  # the time that a stop grants to whoever is still waiting is over
+            return stopping_error()
+        except Unsendable:
+            raise
+        except Exception:
+            path = request.scope["path"][:LONGEST_PATH]
+            defect = {"action": "failed", "request": request.state.request_id, "path": path}
+            log.exception("a defect of the service ended this request", extra=defect)
+            return defect_error()
+        return None
+
+    def _note(self, request: Request, status: int, seconds: float) -> None:
+        scope = request.scope
         known = status != 405 and "route" in scope  # a stranger's methods and paths are without end
         method, route = (scope["method"], scope["route"].path) if known else (NO_ROUTE, NO_ROUTE)
         self.service.metrics.count_answer(method, route, status, seconds)
-        caller = state.get("caller")
+        caller = getattr(request.state, "caller", None)
         fields = {
             "action": "answered",
-            "request": request_id,
+            "request": request.state.request_id,
             "method": scope["method"][:LONGEST_METHOD],
             "path": scope["path"][:LONGEST_PATH],
             "status": status,
@@ -230,49 +258,6 @@ class RequestLog:
             "tenant": None if caller is None else caller.tenant,
         }
         log.info("answered a request for %s", route if known else "what is not there", extra=fields)
-
-
-class Refusals:
-    """Answers what no route answers: addresses that are refused, stops, defects."""
-
-    def __init__(self, app: ASGIApp, service: Service) -> None:
-        self.app = app
-        self.service = service
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-        request = Request(scope, receive)
-        begun = False
-
-        async def send_on(message: Message) -> None:
-            nonlocal begun
-            begun = True
-            await send(message)
-
-        async def answer(error: TailstackError) -> None:
-            if not begun:
-                await refusal_response(request, error)(scope, receive, send)
-
-        try:
-            self._check(request, _first_headers(scope))
-            await self.app(scope, receive, send_on)
-        except TailstackError as error:
-            await answer(error)
-        except asyncio.CancelledError:  # the time that a stop grants to whoever is still waiting is over
-            await answer(stopping_error())
-        except Unsendable:
-            raise
-        except Exception:
-            defect = {"action": "failed", "request": request.state.request_id, "path": scope["path"][:LONGEST_PATH]}
-            log.exception("a defect of the service ended this request", extra=defect)
-            await answer(defect_error())
-
-    def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
-        if b"transfer-encoding" in headers and b"content-length" in headers:
-            raise _two_lengths_error()
-        self.service.access.check_address(request.method, headers, request.scope.get("scheme", "http"))
 
 
 def _first_headers(scope: Scope) -> dict[bytes, bytes]:
