@@ -297,7 +297,7 @@ def repacked(content: bytes, member: str, change: Callable[[str], str]) -> bytes
 
 
 @pytest.mark.long
-def test_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
+def test_the_part_of_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
     book = files["xlsx"]
     same = repacked(book, "xl/workbook.xml", lambda text: text)
     assert audit(same, "x", fast=True).verdict == "verified"
@@ -307,9 +307,9 @@ def test_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
     forged = repacked(book, member, lambda text: re.sub(r"(<c r=\"F4\"[^>]*><v>)[^<]*", r"\g<1>9.75", text))
     found = audit(forged, "x", fast=True)
     assert answers(found)["pages"] == "different"
-    assert "sheet 'Budget', cell F4: the file has '9.75'" in details(found)
+    assert re.search(rf"{member}: the file has '.*9\.75", details(found))
     shared = repacked(book, "xl/sharedStrings.xml", lambda text: text.replace("The design ", "No design ", 1))
-    assert re.search(r"sheet 'Summary', cell B\d+: the file has 'No design ", details(audit(shared, "x", fast=True)))
+    assert re.search(r"xl/sharedStrings.xml: the file has '.*No design ", details(audit(shared, "x", fast=True)))
 
 
 @pytest.mark.long
@@ -390,7 +390,7 @@ def test_charts_of_another_matplotlib_are_not_compared(files: dict[str, bytes]) 
     other = files["html"].replace(f"matplotlib {version}".encode(), b"matplotlib 3.9.0").replace(b'r="3.', b'r="2.')
     found = audit(other, "x", fast=True)
     assert found.verdict == "not verified"
-    assert f"charts by matplotlib 3.9.0, here by matplotlib {version}" in details(found)
+    assert f"made with matplotlib 3.9.0, here with matplotlib {version}" in details(found)
 
 
 # --- the command ----------------------------------------------------------------------------------

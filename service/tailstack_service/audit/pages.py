@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import re
 import zlib
-from itertools import zip_longest
 
 from tailstack import __version__
 
 from ..operations.rendering import render
 from ..problems import PdfUnavailable
 from .findings import DIFFERENT, NOT_COMPARED, SAME, AuditCheck
-from .holding import ReportFile, sheet_cells, sheet_names, unpack_streams
+from .holding import Form, ReportFile, unpack_streams
 
 MOST = 5  # differences that are told
-LONGEST = 90
+BEFORE, LONGEST = 20, 90  # letters before a difference, and in all
+PLACES = "its table of places"  # the last stream of a PDF, which hangs on how the others are packed
 _STREAM = re.compile(rb"stream\n(.*?)\nendstream", re.DOTALL)
-_FONT = re.compile(rb"/BaseFont /([^\s/<>\[\]()]+)")
-_CHARTS = re.compile(rb"tailstack [\w.+-]+, charts by (matplotlib [\w.+-]+)")
-_PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what hangs on how streams are packed
-_PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
+_PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what else hangs on that
+_MADE_WITH = (  # programs and fonts that leave other bytes where they are others
+    re.compile(rb"tailstack [\w.+-]+, charts by (matplotlib [\w.+-]+)"),
+    re.compile(rb"/Producer \(([^()]*)\)"),
+    re.compile(rb"/BaseFont /[^\s/<>\[\]()+]+\+([^\s/<>\[\]()]+)"),
+)
 
 
 def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
@@ -31,102 +33,66 @@ def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
     if written_by != __version__:
         words = f"written by tailstack {written_by}, this is {__version__}: install that version to compare them"
         return AuditCheck("pages", NOT_COMPARED, words)
+    there = _take_apart(held.form, held.content, file)
     try:
-        summary = held.form == "pdf" and _is_summary(held.content)
-        fresh = render(held.result.kind, held.result.body, held.form, summary=summary)
+        fresh = render(held.result.kind, held.result.body, held.form, summary=held.form == "pdf" and _is_summary(there))
     except PdfUnavailable as error:
         return AuditCheck("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
     if fresh == held.content:
         return AuditCheck("pages", SAME, f"what the record renders to, byte for byte ({len(fresh):,} bytes)")
-    if held.form != "xlsx":
-        there, here = (_all(_CHARTS, content, _unpacked_streams(content)) for content in (held.content, fresh))
-        if there != here:
-            drawn = b", ".join(there).decode("latin-1") or "nothing"
-            by = b", ".join(here).decode("latin-1") or "nothing"
-            return AuditCheck("pages", NOT_COMPARED, f"charts by {drawn}, here by {by}: the same version is needed")
-    if held.form == "html":
-        return _lines(held.content, fresh)
-    return (_cells if held.form == "xlsx" else _streams)(held.content, fresh, file)
+    here = _take_apart(held.form, fresh, file)
+    if there == here:
+        return AuditCheck("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
+    made = [", ".join(_list_tools(parts)) or "unknown programs" for parts in (there, here)]
+    if made[0] != made[1]:
+        words = f"made with {made[0]}, here with {made[1]}: the same versions and fonts are needed"
+        return AuditCheck("pages", NOT_COMPARED, words)
+    names = [name for name in dict.fromkeys([*here, *there]) if there.get(name) != here.get(name)]
+    if names == [PLACES]:
+        words = f"the same, but packed by another zlib: {PLACES}, the last stream, cannot be compared"
+        return AuditCheck("pages", NOT_COMPARED, words)
+    details = [_show_difference(name, there.get(name, b""), here.get(name, b"")) for name in names[:MOST]]
+    more = [f"... and {len(names) - MOST} more"] if len(names) > MOST else []
+    words = f"{len(names)} parts of the file are not what the record renders to"
+    return AuditCheck("pages", DIFFERENT, words, (*details, *more))
 
 
-def _is_summary(content: bytes) -> bool:
+def _take_apart(form: Form, content: bytes, file: str) -> dict[str, bytes]:
+    """The parts of a file by name, unpacked: lines of a page, files of a spreadsheet, streams of a PDF and the rest."""
+    if form == "html":
+        return {f"line {number}": line for number, line in enumerate(content.split(b"\n"), 1)}
+    if form == "xlsx":
+        return unpack_streams(content, file)
+    parts = {f"stream {number}": _unpack(packed) for number, packed in enumerate(_STREAM.findall(content), 1)}
+    if parts:
+        parts[PLACES] = parts.pop(f"stream {len(parts)}")
+    return {**parts, "what is between streams": _PACKED.sub(b"", _STREAM.sub(b"stream", content))}
+
+
+def _unpack(packed: bytes) -> bytes:
+    try:
+        return zlib.decompress(packed)
+    except zlib.error:
+        return packed
+
+
+def _is_summary(parts: dict[str, bytes]) -> bool:
     """Whether a PDF says of itself that it is the one page of a report."""
     from ..report.pdf import SUMMARY_NOTE
 
-    return bool(_all(re.compile(re.escape(SUMMARY_NOTE.encode())), content, _unpacked_streams(content)))
+    return any(SUMMARY_NOTE.encode() in part for part in parts.values())
 
 
-def _different(details: list[str], count: int, what: str) -> AuditCheck:
-    more = [f"... and {count - MOST} more"] if count > MOST else []
-    return AuditCheck("pages", DIFFERENT, f"{count} {what} not what the record renders to", (*details[:MOST], *more))
+def _list_tools(parts: dict[str, bytes]) -> list[str]:
+    """Programs and fonts that a file says it was made with."""
+    return sorted(
+        {tool.decode("latin-1") for pattern in _MADE_WITH for part in parts.values() for tool in pattern.findall(part)}
+    )
 
 
-def _lines(content: bytes, fresh: bytes) -> AuditCheck:
-    there, here = (text.decode("utf-8", "replace").split("\n") for text in (content, fresh))
-    details = []
-    for number, (old, new) in enumerate(zip_longest(there, here, fillvalue="(no line)"), 1):
-        if old != new:
-            start = next((k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), min(len(old), len(new)))
-            begin = max(start - 20, 0)
-            cut = [text[begin : begin + LONGEST] for text in (old, new)]
-            details.append(f"line {number}: the file has {cut[0]!r}, the record gives {cut[1]!r}")
-    return _different(details, len(details), "lines are")
-
-
-def _cells(content: bytes, fresh: bytes, file: str) -> AuditCheck:
-    there, here = (unpack_streams(book, file) for book in (content, fresh))
-    if there == here:
-        return AuditCheck("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
-    details = []
-    for name in dict.fromkeys([*sheet_names(here), *sheet_names(there)]):
-        old, new = (sheet_cells(book, name) for book in (there, here))
-        if old is None or new is None:
-            details.append(f"sheet {name!r} is {'missing' if old is None else 'not of the record'}")
-            continue
-        for column, row in dict.fromkeys([*new, *old]):
-            a, b = old.get((column, row), ""), new.get((column, row), "")
-            if a != b:
-                difference = f"the file has {a[:LONGEST]!r}, the record gives {b[:LONGEST]!r}"
-                details.append(f"sheet {name!r}, cell {column}{row}: {difference}")
-    if details:
-        return _different(details, len(details), "cells are")
-    parts = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
-    return _different([f"part {name}" for name in parts], len(parts), "parts of the spreadsheet are")
-
-
-def _streams(content: bytes, fresh: bytes, file: str) -> AuditCheck:
-    there, here = (_unpacked_streams(document) for document in (content, fresh))
-    made = [
-        next((match.decode("latin-1") for match in _all(_PRODUCER, document, streams)), "")
-        for document, streams in ((content, there), (fresh, here))
-    ]
-    if made[0] != made[1]:
-        words = f"drawn by {made[0] or 'an unknown program'}, here is {made[1]}: the same version is needed"
-        return AuditCheck("pages", NOT_COMPARED, words)
-    fonts = [sorted(set(_all(_FONT, document, streams))) for document, streams in ((content, there), (fresh, here))]
-    families = [{font.partition(b"+")[2] for font in document_fonts} for document_fonts in fonts]
-    if families[0] != families[1]:
-        names = [", ".join(sorted(name.decode("latin-1") for name in family)) for family in families]
-        return AuditCheck("pages", NOT_COMPARED, f"set in {names[0]}, here in {names[1]}: the same fonts are needed")
-    between = [_STREAM.sub(b"stream", document) for document in (content, fresh)]
-    if there == here and between[0] == between[1]:
-        return AuditCheck("pages", SAME, "what the record renders to, stream for stream (packed by another zlib)")
-    if there[:-1] == here[:-1] and _PACKED.sub(b"", between[0]) == _PACKED.sub(b"", between[1]):
-        words = "the same, but packed by another zlib: its table of places, the last stream, cannot be compared"
-        return AuditCheck("pages", NOT_COMPARED, words)
-    count = sum(a != b for a, b in zip_longest(there, here))
-    return _different([], max(count, 1), "parts of the PDF are")
-
-
-def _unpacked_streams(document: bytes) -> list[bytes]:
-    streams = []
-    for packed in _STREAM.findall(document):
-        try:
-            streams.append(zlib.decompress(packed))
-        except zlib.error:
-            streams.append(packed)
-    return streams
-
-
-def _all(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> list[bytes]:
-    return [match for text in (document, *streams) for match in pattern.findall(text)]
+def _show_difference(name: str, there: bytes, here: bytes) -> str:
+    """Where a part differs first, and what stands there."""
+    old, new = (part.decode("utf-8", "replace") for part in (there, here))
+    start = next((k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), min(len(old), len(new)))
+    begin = max(start - BEFORE, 0)
+    return f"{name}: the file has {old[begin : begin + LONGEST]!r}, the record gives {new[begin : begin + LONGEST]!r}"
