@@ -18,13 +18,13 @@ import sys
 import sysconfig
 import tarfile
 import tempfile
+import tomllib
 import zipfile
 from datetime import UTC, datetime
 from email.parser import Parser
 from pathlib import Path
 
 import changelog
-import recipe
 import sbom
 from tailstack.results.json_text import write_json
 
@@ -84,10 +84,23 @@ def copy_sources(root: Path, names: list[str], target: Path) -> Path:
 
 
 def set_version(root: Path, version: str) -> None:
-    """Write the version where it is kept, and into the two files that repeat it."""
+    """Write the version where it is kept, and into the file that repeats it."""
     replace(root / "solver" / "tailstack" / "version.py", r'^__version__ = ".*"$', f'__version__ = "{version}"')
     replace(root / "CITATION.cff", r"^version: .*$", f"version: {version}")
-    (root / recipe.PLACE).write_text(recipe.render(root), encoding="utf-8")
+
+
+def version_of(root: Path) -> str:
+    """The version, from the one place where it is written."""
+    text = (root / "solver" / "tailstack" / "version.py").read_text(encoding="utf-8")
+    (version,) = re.findall(r'^__version__ = "([^"]+)"$', text, re.MULTILINE)
+    return str(version)
+
+
+def licence_files(root: Path) -> list[str]:
+    """The files that ``license-files`` of pyproject.toml names, by their paths."""
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    found = [sorted(root.glob(pattern)) for pattern in project["license-files"]]
+    return [path.relative_to(root).as_posix() for paths in found for path in paths]
 
 
 def replace(path: Path, pattern: str, by: str) -> None:
@@ -153,7 +166,7 @@ def check_licences(tree: Path, wheel: Path) -> list[str]:
         metadata = Parser().parsestr(archive.read(about).decode())
     room = about.removesuffix("METADATA") + "licenses/"
     shipped = sorted(name.removeprefix(room) for name in names if name.startswith(room))
-    wanted = recipe.licence_files(tree)
+    wanted = licence_files(tree)
     if missing := sorted(set(wanted) - set(shipped)) + sorted(set(wanted) - set(metadata.get_all("License-File", []))):
         raise Refusal(f"{wheel.name} lacks licences: {', '.join(missing)}")
     return shipped
@@ -217,10 +230,8 @@ def release(target: Path, kernels: str, offline: bool) -> None:
     with tempfile.TemporaryDirectory(prefix="tailstack-release-") as temporary:
         room = Path(temporary)
         tree = prepare(ROOT, names, room / "sources", moment)
-        version = recipe.version_of(tree)
-        say(
-            f"{version} (this checkout is {recipe.version_of(ROOT)}), of {len(names)} files, SOURCE_DATE_EPOCH={moment}"
-        )
+        version = version_of(tree)
+        say(f"{version} (this checkout is {version_of(ROOT)}), of {len(names)} files, SOURCE_DATE_EPOCH={moment}")
         section = changelog.sections((tree / "CHANGELOG.md").read_text(encoding="utf-8"))[0]
         build(tree, target, moment, kernels)
         first = digests(target)

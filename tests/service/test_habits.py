@@ -1,4 +1,4 @@
-"""What keeps the project in order where nobody looks: workflows, citation, recipe, bill of materials, changelog."""
+"""What keeps the project in order where nobody looks: workflows, citation, bill of materials, changelog."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from service_scenes import ROOT
 from trove_classifiers import classifiers
 
 import changelog
-import recipe
 import release
 import sbom
 from tailstack.version import __version__
@@ -138,22 +137,18 @@ def test_a_newcomer_reads_little_and_files_that_can_be_read() -> None:
 # --- metadata ---------------------------------------------------------------------------------------
 
 
-def test_the_metadata_and_the_recipe_say_who_what_and_for_whom() -> None:
+def test_the_metadata_say_who_what_and_for_whom() -> None:
     assert PROJECT["authors"] == [{"name": "the tailstack authors"}]
     assert set(PROJECT["classifiers"]) <= classifiers
     assert not any(entry.startswith("License ::") for entry in PROJECT["classifiers"])  # PEP 639
     assert "urls" not in PROJECT or "TO BE" not in str(PROJECT["urls"])
     assert "[project.urls]" in PAGE
-    text = (ROOT / recipe.PLACE).read_text(encoding="utf-8")
-    assert text == recipe.render(ROOT), "python .ci/release/recipe.py writes it anew"
-    rendered = yaml.safe_load(text)
-    assert rendered["package"]["version"] == __version__ == recipe.version_of(ROOT)
-    assert [need.replace(" ", "") for need in rendered["requirements"]["run"][1:]] == PROJECT["dependencies"]
+    assert release.version_of(ROOT) == __version__
     # Those of the packages' folders, however many there will be.
     found = [
         path for path in (ROOT / "service" / "tailstack_service").rglob("*") if re.match("(?i)licen|notice", path.name)
     ]
-    assert {path.relative_to(ROOT).as_posix() for path in found} | {"LICENSE"} == set(recipe.licence_files(ROOT))
+    assert {path.relative_to(ROOT).as_posix() for path in found} | {"LICENSE"} == set(release.licence_files(ROOT))
 
 
 def test_the_citation_has_the_keys_that_its_format_requires() -> None:
@@ -212,11 +207,10 @@ def test_the_bill_of_materials_lists_the_locks_and_what_is_bundled() -> None:
 
 
 def test_a_copy_gets_the_next_version_and_this_checkout_keeps_its_own(tmp_path: Path) -> None:
-    names = ["pyproject.toml", "CHANGELOG.md", "CITATION.cff", "solver/tailstack/version.py", str(recipe.PLACE)]
+    names = ["pyproject.toml", "CHANGELOG.md", "CITATION.cff", "solver/tailstack/version.py"]
     tree = release.prepare(ROOT, names, tmp_path, 1_700_000_000)
     version = changelog.next_section(CHANGES).version
-    assert recipe.version_of(tree) == version != recipe.version_of(ROOT)
-    assert f'version: "{version}"' in (tree / recipe.PLACE).read_text(encoding="utf-8")
+    assert release.version_of(tree) == version != release.version_of(ROOT)
     assert f"\nversion: {version}\n" in (tree / "CITATION.cff").read_text(encoding="utf-8")
     assert f"## {version} (2023-11-14)" in (tree / "CHANGELOG.md").read_text(encoding="utf-8")
 
