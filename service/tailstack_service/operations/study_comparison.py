@@ -46,7 +46,7 @@ class ComparisonStudyOptions(Options):
     """What was measured, and with what."""
 
     measurements: Annotated[str, Field(min_length=1), MEASURED] = Field(examples=[MEASUREMENTS])
-    """The measurements, as CSV whose header names quantity and unit (docs/studies.md)."""
+    """The measurements, as CSV whose header names quantity and unit (docs/measurements.md)."""
     name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$"), NO_FLAG] = (
         "measurements.csv"
     )
