@@ -28,7 +28,7 @@ export const GLOSSARY: Record<string, string> = {
   component: "one scalar of a contributor, such as rz or a locator.",
   share: "a contributor's part of the trace of the covariance.",
   requirement: "a limit for a quantile or another statistic of an error, stated by the design.",
-  limit: "the number, a length in mm unless a measure has another unit, that it is to stay within.",
+  limit: "the number, a length in mm unless a measure has another unit, that a quantile or other statistic is to stay within.",
   verdict: "pass, fail or inconclusive, over all requirements together; inconclusive is too close to say.",
   verification: "the Monte Carlo answer, on the full nonlinear chain with the estimator itself.",
   exceedance: "the probability that the error's norm is beyond a limit; dppm is that per million, the sigma level where a normal number would have as much beyond its limit on one side (no shift of 1.5).",
