@@ -14,6 +14,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, commands
 
+from plain_data import refusals_of
 from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import verbs
@@ -294,18 +295,7 @@ def test_validate_answers_in_json_with_a_line_for_each_design(call: Any) -> None
 
 @pytest.mark.parametrize(
     ("pattern", "replacement", "said"),
-    [
-        (r"position_mm: \[[^]]*\]", "position_mm: [-35, -18]", "needs 3 entries; got a list of 2"),
-        (r"position_mm: \[[^]]*\]", "position_mm: [-35, -18, 1, 4]", "needs 3 entries; got a list of 4"),
-        ("orientation: AP", "orientation: PA", "beam_direction: [0, -1, 0]"),
-        (r"\Z", "\nmodel: {estimator: PnP}\n", "did you mean pose?"),
-        ("limit_mm: [0-9.]+", "limit_deg: 2", "tcp is limited by limit_mm"),
-        (
-            "    orientation: AP",
-            "   orientation: AP",
-            "hint: fields of one mapping, and items of one list, begin in the",
-        ),
-    ],
+    refusals_of("design", "typed"),
     ids=["short", "long", "PA", "PnP", "angle", "indented"],
 )
 def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacement: str, said: str) -> None:

@@ -20,7 +20,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from plain_data import replaced
+from plain_data import refusals_of, replaced
 from tailstack.errors import DesignError, IllPosedError, Problem
 from tailstack_service.gate.request import admit_gate, read_gate
 from tailstack_service.http import computations
@@ -122,17 +122,7 @@ def test_the_request_around_the_design(client: httpx.Client, path: str, body: by
 @pytest.mark.parametrize("path", POSTS)
 @pytest.mark.parametrize(
     ("where", "value", "code"),
-    [
-        ("views/0/fiducial_noise_px", -1, "out-of-range"),
-        ("views/0/fiducial_noise_px", "0.3", "wrong-type"),
-        ("views/1/preset", "siemens-cios", "unknown-name"),
-        ("fiducials/points/3/position_mm/1", 1e9, "out-of-range"),
-        ("fiducials/points/0/colour", "red", "unknown-field"),
-        ("interfaces/structure_connector/tolerances/rx/half_width_deg", None, "wrong-type"),
-        ("targets/0/name", "", "bad-text"),
-        ("requirements/0/limit_mm", 0, "out-of-range"),
-        ("schema", "tailstack/design/9", "unsupported-schema"),
-    ],
+    refusals_of("http", "fields"),
 )
 def test_a_bad_field_is_pointed_at_in_the_body_that_was_sent(
     client: httpx.Client, path: str, where: str, value: Any, code: str
@@ -200,22 +190,7 @@ def test_a_design_that_cannot_be_used(client: httpx.Client, path: str, design: A
 
 @pytest.mark.parametrize(
     ("path", "options", "pointer"),
-    [
-        ("/v1/scores", {"second_order": "yes"}, "/second_order"),
-        ("/v1/scores", {"trials": 10}, "/trials"),
-        ("/v1/verifications", {"trials": 0}, "/trials"),
-        ("/v1/verifications", {"trials": 1.5}, "/trials"),
-        ("/v1/verifications", {"trials": True}, "/trials"),
-        ("/v1/verifications", {"precision": 0}, "/precision"),
-        ("/v1/verifications", {"precision": 1}, "/precision"),
-        ("/v1/verifications", {"precision": 0.1, "trials": 1000}, "/precision"),
-        ("/v1/verifications", {"seed": -1}, "/seed"),
-        ("/v1/verifications", {"seed": 2**63}, "/seed"),
-        ("/v1/verifications", {"method": "magic"}, "/method"),
-        ("/v1/optimisations", {"starts": 0}, "/starts"),
-        ("/v1/optimisations", {"seed": "1"}, "/seed"),
-        ("/v1/validations", {"strict": True}, "/strict"),
-    ],
+    refusals_of("http", "options"),
 )
 def test_bad_options_are_pointed_at(client: httpx.Client, path: str, options: dict[str, Any], pointer: str) -> None:
     document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
@@ -278,18 +253,7 @@ def test_no_words_of_the_library_that_checks_reach_anybody(client: httpx.Client)
 @pytest.mark.parametrize("path", POSTS)
 @pytest.mark.parametrize(
     ("kinds", "encodings"),
-    [
-        (["text/plain"], []),
-        ([""], []),
-        (["multipart/form-data; boundary=x"], []),
-        (["application/json; charset=latin-1"], []),
-        (["application/json", "application/yaml"], []),
-        (["application/json"], ["gzip"]),
-        (["application/json"], ["identity", "gzip"]),
-        (["application/json"], ["gzip", "identity"]),
-        (["application/json"], ["", "br"]),
-        (["application/json"], ["gzip", "gzip"]),
-    ],
+    refusals_of("http", "media"),
 )
 def test_other_content_types_are_415(client: httpx.Client, path: str, kinds: list[str], encodings: list[str]) -> None:
     """Of two types neither counts, and of two encodings the second counts too."""

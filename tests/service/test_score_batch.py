@@ -13,6 +13,7 @@ from door_pages import run_page
 from table_scenes import read_rows, write_table
 
 from family import run_process
+from plain_data import refusals_of
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
@@ -70,21 +71,7 @@ def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, 
 
 @pytest.mark.parametrize(
     ("text", "place", "said"),
-    [
-        (f"{AP}\n0.3\n\n0,3\n", ":4:1", "with a point: 0.3"),
-        (f'{AP}\n0.3\n"0,3"\n', ":3:1", "with a point: 0.3"),
-        (f"{AP}\n0.3\n\n\n0.3 px\n", ":5:1", "is no number"),
-        (f"a,{AP}\nx,\n", ":2:2", "is empty"),
-        (f"a,{AP}\nx\n", ":2:1", "1 cells in a table of 2 columns"),
-        (f"a,{AP},a\nx,1,2\n", ":1:3", "two columns are called 'a'"),
-        ("noise\n1\n", ":1:1", "--set"),
-        ("views.AP.fiducial_noise\n1\n", "", "nothing at"),
-        (f"{AP},reason\n1,2\n", ":1:1", "'reason' already"),
-        ("", "", "holds no line of a table"),
-        # Whole numbers may be names of columns, as those of variants are; none is a number of the design
-        ("A0;-8.20;22.4\nA1;0.30;0.25\n", "", "the first row names the columns"),
-        ("Z;1;2\nA1;0.30;0.25\n", "", "no column is called like a number of the design"),
-    ],
+    refusals_of("tables", "batch"),
 )
 def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
     text: str, place: str, said: str, tmp_path: Path, capsys: Any

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pytest
 
-from plain_data import EXAMPLES, problems_of
+from plain_data import EXAMPLES, problems_of, refusals_of
 from tailstack.design import load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS
@@ -79,19 +79,7 @@ def test_there_and_back_through_both_files(unit):
 
 @pytest.mark.parametrize(
     ("text", "code", "line", "cure"),
-    [
-        ("x,y,z\n1;2;3\n", "cage-row", 2, "commas between the cells"),
-        ("x,y,z\n1\t2\t3\n", "cage-row", 2, "commas between the cells"),
-        ("x,y,z\n1 2 3\n", "cage-row", 2, "commas between the cells"),
-        ("x,y,z\n0,0,0\n1,5,2,5,3,5\n", "cage-row", 3, "points in the decimals"),
-        ("x;y;z\n1,5;2,5;3,5\n", "cage-row", 2, "commas between the cells"),
-        ("0,0,0\n1,0,0\n", "cage-header", 1, "put a line like x,y,z above it"),
-        ("0 0 0\n1,0,0\n", "cage-header", 1, "put a line like x,y,z above it"),
-        ("s10,s10,s10\n1,0,0\n", "cage-header", 1, "s10,s10,s10,black"),
-        ("x,y,z\na,1,2,3\n", "wrong-type", 2, ""),
-        ("x,y,z\n1,2,nan\n", "wrong-type", 2, ""),
-        ("x,y,z\n", "empty-document", None, ""),
-    ],
+    refusals_of("tables", "cages"),
 )
 def test_what_xmalab_would_misread_is_refused_with_the_cure(text, code, line, cure):
     found = refused(text, None)

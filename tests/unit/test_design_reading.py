@@ -18,7 +18,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plain_data import EXAMPLES, problems_of
+from plain_data import EXAMPLES, problems_of, refusals_of
 from tailstack.design import design_to_data, load_design
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, decode, plain_data, read_text, read_yaml, show
 from tailstack.design.write import data_to_yaml, dump_flow
@@ -60,24 +60,7 @@ def test_infinities_arrive_as_such_and_are_refused_later():
 
 @pytest.mark.parametrize(
     ("text", "code", "line"),
-    [
-        ("", "empty-document", None),
-        ("# nothing\n", "empty-document", None),
-        ("a: 1\nb: 2\na: 3\n", "duplicate-key", 3),
-        ("a:\n  b: 1\n  b: 2\n", "duplicate-key", 3),
-        ('{"a": 1,\n "a": 2}', "duplicate-key", 2),
-        ("a: !!float 1\n", "yaml-tag", 1),
-        ("a: !!python/object/apply:os.system [ls]\n", "yaml-tag", 1),
-        ("a:\n\t- 1 # a tab\n", "yaml-syntax", 2),
-        ("a: [1, 2\nb: 3\n", "yaml-syntax", 2),
-        ("a: 1\n---\nb: 2\n", "several-documents", None),
-        ("? [1, 2]\n: 3\n", "bad-key", 1),
-        ("1: 2\n", "bad-key", 1),
-        ("a:\n  ? " + "k" * 101 + "\n  : 1\n", "key-too-long", 2),
-        ("a: &x [*x]\n", "yaml-alias", 1),
-        ("a: *nowhere\n", "yaml-alias", 1),
-        ("a: \x07\n", "unseen-character", 1),
-    ],
+    [*refusals_of("documents", "reading"), ("a:\n  ? " + "k" * 101 + "\n  : 1\n", "key-too-long", 2)],
 )
 def test_refusals(text, code, line):
     problem = refused(text)

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from family import run_process
-from plain_data import problems_of
+from plain_data import problems_of, refusals_of
 from tailstack.design import load_design
 from tailstack.errors import DesignError, StepError, TailstackError
 from tailstack.integrations.conversion import convert
@@ -229,21 +229,7 @@ def test_a_turned_circle_is_a_ball_where_it_closes_and_one_given_twice_is_taken_
 
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
-    [
-        ("#21=CLOSED_SHELL", "#21=CLOSED_SHELL('',());\n#21=CLOSED_SHELL", 18, "#21 is given twice"),
-        ("(#22)", "(#99)", 17, "#21 names #99, which is not in the file"),
-        (",#25,1.5)", ",#25,1.5,2.)", 20, "SPHERICAL_SURFACE has 3 values; #24 has 4"),
-        (",#25,1.5)", ",#25,-1.5)", 20, "the radius of a sphere is positive"),
-        (",#25,1.5)", ",#25,NaN)", 20, "#24 cannot be read"),
-        (",#25,1.5)", ",#25,1.E400)", 20, "a number below 1e9"),
-        ("(10.0,20.0,30.0)", "(10.0,20.0)", 22, "has 3 coordinates"),
-        ("#26=CARTESIAN_POINT", "#26=DIRECTION", 22, "#26 is DIRECTION where CARTESIAN_POINT is wanted"),
-        ("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))", "(PLANE_ANGLE_UNIT()NAMED_UNIT(*)SI_UNIT($,.RADIAN.))",
-         9, "no unit of length"),
-        ("END-ISO-10303-21;", "", 29, "expected an instance"),
-        ("#20=MAN", "#20=M'AN", 16, "expected an instance"),
-        ("/*", "/*", 0, ""),
-    ],
+    refusals_of("tables", "step"),
 )  # fmt: skip
 def test_a_file_that_lies_is_refused_at_its_line(old: str, new: str, line: int, words: str) -> None:
     text = text_of(ONE).decode()

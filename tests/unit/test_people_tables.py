@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from plain_data import DEMO, REMOVED, problems_of, replaced
+from plain_data import DEMO, REMOVED, problems_of, refusals_of, replaced
 from tailstack.cures import cure_text
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
@@ -65,18 +65,7 @@ FCSV = "# Markups fiducial file version = 5.2\n# CoordinateSystem = LPS\n"
 FCSV += "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
 
 
-@pytest.mark.parametrize(("row", "said"), [
-    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2", None),
-    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2,1", None),
-    ("1,1,2,3,0,0,0,1,1,1,0,A,,,4,0", "0 to 3"),
-    ("1,1,2,3,0,0,0,1,1,1,0,A,,,,0", "0 to 3"),
-    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2,0,0", "17 cells"),
-    ("1,1,2,3,0,0,0,1,1,1,0,A,", "13 cells"),
-    ("1,1,5,2,3,0,0,0,1,1,1,0,A,,", "15th field"),
-    ("1,1,5,2,5,3,0,0,0,1,1,1,0,A,,", "16th field"),
-    ("1,1,5,2,5,3,5,0,0,0,1,1,1,0,A,,", "17 cells"),
-    ("# 1,1,2,3,0,0,0,1,1,1,0,A,,,2,0", "begins with #"),
-])  # fmt: skip
+@pytest.mark.parametrize(("row", "said"), refusals_of("tables", "fcsv"))
 def test_a_row_of_fcsv_has_the_cells_of_its_format(row: str, said: str | None) -> None:
     if said is None:
         assert read(FCSV + row, "b.fcsv").positions_mm == ((1, 2, 3),)
@@ -182,18 +171,7 @@ def test_a_row_above_the_others_is_no_remark_and_no_title(above: str, line: int)
 # --- spreadsheets -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("text", "line", "cure"), [
-    ("x_mm;y_mm;z_mm\n1,5;2.5;3\n", 2, "alike"),
-    ("x_mm;y_mm;z_mm\n1.234,5;2;3\n", 2, "1234.5"),
-    ("x_mm\ty_mm\tz_mm\n1,234\t2\t3\n", 2, "1.234 or 1234"),
-    ('x_mm,y_mm,z_mm\n"0,5",2,3\n', 2, "0.5"),
-    ("x_mm,y_mm,z_mm\n1 000,2,3\n", 2, "1000"),
-    ("x_mm,y_mm,z_mm\n+0.1/-0,2,3\n", 2, "bias 0.05, half-width 0.05"),
-    ("x_mm,y_mm,z_mm\n1,2,3\nx_mm,y_mm,z_mm\n4,5,6\n", 3, "a number"),
-    ("9,9,9\nx_mm,y_mm,z_mm\n1,2,3\n", 1, "below"),
-    ('label,x_mm,y_mm,z_mm\n"A\nB",1,2,3\n', 2, "line break"),
-    ("x_mm y_mm z_mm\n1 2 3\n", 1, "commas"),
-])  # fmt: skip
+@pytest.mark.parametrize(("text", "line", "cure"), refusals_of("tables", "two_meanings"))
 def test_what_can_be_meant_in_two_ways_is_refused(text: str, line: int, cure: str) -> None:
     found, _, hint = refused(text)
     assert found == line

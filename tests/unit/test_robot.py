@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from damage import damaged
-from plain_data import DEMO, replaced
+from plain_data import DEMO, refusals_of, replaced
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
 from tailstack.design.urdf_files import read_urdf
@@ -363,21 +363,7 @@ def test_an_arm_of_a_file_is_that_of_its_matrices_and_of_its_joints_in_the_docum
     assert {"robot:stand", "robot:J2", "robot:flange"} <= lines
 
 
-BROKEN = [
-    (("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot"), "xml-doctype"),
-    (("</robot>", ""), "xml-syntax"),
-    (("<robot", "<model"), "xml-syntax"),
-    (('type="prismatic"', 'type="floating"'), "unknown-joint"),
-    (('<child link="l3"/>', '<child link="l2"/>'), "urdf-tree"),
-    (('<child link="tool0"/>', '<child link="base"/>'), "urdf-tree"),
-    (('<parent link="world"/>', '<parent link="l3"/>'), "too-many"),
-    (('xyz="0 0 0.1625"', 'xyz="0 0 nan"'), "wrong-joint"),
-    (('xyz="0 0 0.1625"', 'xyz="0 0 162.5"'), "wrong-joint"),
-    (('xyz="0 0 0.1625"', 'xyz="0 0"'), "wrong-type"),
-    (('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'), "wrong-joint"),
-    (('type="prismatic"', 'type="fixed"'), "wrong-length"),
-    (("<link", "<xacro:if xmlns:xacro='http://www.ros.org/wiki/xacro'/><link"), "xacro"),
-]
+BROKEN = refusals_of("robots", "urdf")
 
 
 @pytest.mark.parametrize(("change", "code"), BROKEN)
