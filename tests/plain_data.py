@@ -19,12 +19,12 @@ EVERY: dict[str, Any] = {
 }
 DEMO: dict[str, Any] = EVERY["demo"]
 REMOVED = object()  # in place of a value: the field is left out
-REFUSALS = Path(__file__).parent / "data" / "refusals"
+CASES = Path(__file__).parent / "data" / "cases"
 
 
-def refusals_of(subject: str, table: str) -> list[list[Any]]:
-    """A table of what is refused: a row for each case, as the head of data/refusals/SUBJECT.yaml says."""
-    tables = yaml.load((REFUSALS / f"{subject}.yaml").read_text(encoding="utf-8"), yaml.CSafeLoader)
+def read_cases(subject: str, table: str) -> list[list[Any]]:
+    """A table of cases: a row for each, as the head of data/cases/SUBJECT.yaml says."""
+    tables = yaml.load((CASES / f"{subject}.yaml").read_text(encoding="utf-8"), yaml.CSafeLoader)
     rows: list[list[Any]] = tables[table]
     return rows
 

@@ -14,7 +14,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, commands
 
-from plain_data import refusals_of
+from plain_data import read_cases
 from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import verbs
@@ -295,7 +295,7 @@ def test_validate_answers_in_json_with_a_line_for_each_design(call: Any) -> None
 
 @pytest.mark.parametrize(
     ("pattern", "replacement", "said"),
-    refusals_of("design", "typed"),
+    read_cases("design", "typed"),
     ids=["short", "long", "PA", "PnP", "angle", "indented"],
 )
 def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacement: str, said: str) -> None:

@@ -15,7 +15,7 @@ from gate_scenes import BAD, FORMATS, GOOD, PASSING, STRICT, read_gate_record, w
 from service_scenes import ROOT, limited, write_json
 
 from family import TAILSTACK, read_until, run_process, started
-from plain_data import refusals_of
+from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack.errors import NotConvergedError, Problem
 from tailstack_service.cli import gate_outputs
@@ -75,7 +75,7 @@ def raising(error: BaseException) -> Any:
     return broken
 
 
-@pytest.mark.parametrize(("arguments", "code", "words"), refusals_of("gate", "arguments"))
+@pytest.mark.parametrize(("arguments", "code", "words"), read_cases("gate", "arguments"))
 def test_a_gate_that_cannot_judge_leaves_no_old_pass(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
 ) -> None:

@@ -16,7 +16,7 @@ from service_scenes import limited
 from test_gate_formats import GITLAB, SARIF, XSD
 from xsd import problems
 
-from plain_data import refusals_of
+from plain_data import read_cases
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.gate.records import GateFinding
@@ -72,7 +72,7 @@ NO_WAIVERS = [
 
 @pytest.mark.parametrize(
     ("option", "content", "line", "words"),
-    [*(("--policy", *row) for row in refusals_of("gate", "policies")), *(("--waivers", *row) for row in NO_WAIVERS)],
+    [*(("--policy", *row) for row in read_cases("gate", "policies")), *(("--waivers", *row) for row in NO_WAIVERS)],
 )
 def test_policies_and_waivers_that_are_none(
     folder: Path, capsys: pytest.CaptureFixture[str], option: str, content: str, line: int | None, words: str
@@ -81,7 +81,7 @@ def test_policies_and_waivers_that_are_none(
     refused(capsys, option, line, words)
 
 
-@pytest.mark.parametrize(("old", "new", "line", "words"), refusals_of("gate", "baselines"))
+@pytest.mark.parametrize(("old", "new", "line", "words"), read_cases("gate", "baselines"))
 def test_baselines_that_are_none(
     folder: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, line: int | None, words: str
 ) -> None:

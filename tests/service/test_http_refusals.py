@@ -20,7 +20,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from plain_data import refusals_of, replaced
+from plain_data import read_cases, replaced
 from tailstack.errors import DesignError, IllPosedError, Problem
 from tailstack_service.gate.request import admit_gate, read_gate
 from tailstack_service.http import computations
@@ -122,7 +122,7 @@ def test_the_request_around_the_design(client: httpx.Client, path: str, body: by
 @pytest.mark.parametrize("path", POSTS)
 @pytest.mark.parametrize(
     ("where", "value", "code"),
-    refusals_of("http", "fields"),
+    read_cases("http", "fields"),
 )
 def test_a_bad_field_is_pointed_at_in_the_body_that_was_sent(
     client: httpx.Client, path: str, where: str, value: Any, code: str
@@ -190,7 +190,7 @@ def test_a_design_that_cannot_be_used(client: httpx.Client, path: str, design: A
 
 @pytest.mark.parametrize(
     ("path", "options", "pointer"),
-    refusals_of("http", "options"),
+    read_cases("http", "options"),
 )
 def test_bad_options_are_pointed_at(client: httpx.Client, path: str, options: dict[str, Any], pointer: str) -> None:
     document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
@@ -253,7 +253,7 @@ def test_no_words_of_the_library_that_checks_reach_anybody(client: httpx.Client)
 @pytest.mark.parametrize("path", POSTS)
 @pytest.mark.parametrize(
     ("kinds", "encodings"),
-    refusals_of("http", "media"),
+    read_cases("http", "media"),
 )
 def test_other_content_types_are_415(client: httpx.Client, path: str, kinds: list[str], encodings: list[str]) -> None:
     """Of two types neither counts, and of two encodings the second counts too."""

@@ -38,6 +38,7 @@ from pipeline_scenes import (
 from service_scenes import ROOT
 
 from family import run_process
+from plain_data import read_cases
 from tailstack.design.fiducial_files import ENDINGS
 from tailstack.design.reading import DOCUMENTS
 from tailstack.version import __version__
@@ -301,25 +302,7 @@ def test_a_job_never_passes_what_was_not_judged(
 
 @pytest.mark.parametrize(
     ("file", "taken"),
-    [
-        ("designs/guide.yaml", True),
-        ("robots/designs/old/guide.json", True),
-        ("designs/guide.yml", True),
-        ("designs/guide.YAML", True),
-        ("Designs/GUIDE.Yml", True),
-        ("designs/phantom.mrk.json", True),
-        ("designs/points.csv", True),
-        ("designs/beads/points.FCSV", True),
-        ("designs/points.tsv", True),
-        ("policy.yaml", True),
-        ("ci/policy-guides.yml", True),
-        ("waivers.yaml", True),
-        ("baseline.json", True),
-        ("mydesigns/guide.yaml", False),
-        ("readme.md", False),
-        ("designs/photo.png", False),
-        ("points.csv", False),  # which the page says
-    ],
+    read_cases("files", "hook"),
 )
 def test_the_hook_looks_at_what_a_verdict_hangs_on(file: str, taken: bool) -> None:
     assert chosen(HOOKS[0], [file]) == ([file] if taken else [])

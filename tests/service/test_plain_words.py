@@ -18,6 +18,7 @@ import pytest
 from service_scenes import EXAMPLES, ROOT
 
 from family import TAILSTACK, die_with_parent, ended
+from plain_data import read_cases
 from tailstack.design import load_design
 from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
@@ -27,26 +28,7 @@ from tailstack_service.rendering.blocks import Bullets, Document, Figure, Paragr
 from waiting import LIMIT_SECONDS
 
 # What must not be met without --details, and where it went.
-BANNED = {
-    r"first[- ]order": "the estimate; --details, docs/method.md",
-    r"lineari[sz]": "how good it is; --details, docs/method.md section 4",
-    r"\bnu\b": "--details, docs/method.md section 4",
-    r"optimistic|pessimistic": "too small, too large",
-    r"\bkkt\b|residual|shadow price|multiplier": "how sure; --details, docs/optimiser.md",
-    r"closed form|exact law|convex|relaxation|lower bound": "how sure; --details, docs/optimiser.md",
-    r"tightening|is worth|binding:|placement bought": "trade-off; --details, docs/optimiser.md",
-    r"bonferroni|planned looks|\blanes?\b|numba|\bsvd\b": "how sure; --details, docs/method.md",
-    r"sectioning|deviates|student's": "--details, docs/studies.md",
-    r"\beq\.? ?1\d": "--details, docs/paper.md",
-    r"characteristic function|lattice|contour|unimodal|gaussian": "law; --details, docs/method.md",
-    r"covariance|\btrace\b|quadrature|\btorsor": "--details, docs/method.md",
-    r"resection|triangulation|small-angle|full rotation": "--details, docs/conventions.md",
-    r"eq18|physical reading": "--details, docs/conventions.md",
-    r"\bquantiles?\b|\bnorm\b|cvar": "P95, size, mean of the worst 5 %",
-    r"dp95/dh|mm/unit|\bsensitivit": "a tenth tighter saves; --details",
-    r"tcp error|localisation error|as localised": "the error at the tool, of the located target",
-    r"sha256": "--details, --json",
-}
+BANNED = dict(read_cases("words", "banned"))
 DESIGNS = sorted(EXAMPLES.glob("*.yaml"))
 WITH_OPTIMISE = [path for path in DESIGNS if load_design(path).document.optimise is not None]
 BENCHES = sorted((EXAMPLES / "measurements").glob("bench_*.csv"))

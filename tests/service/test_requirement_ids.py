@@ -17,6 +17,7 @@ from gate_scenes import FAILING, PASSING, SCENES, golden, judge_files, plain_rec
 from service_scenes import ROOT, sound_design
 from test_report_rendering import Page
 
+from plain_data import read_cases
 from tailstack import load_design, score, verify
 from tailstack.errors import DesignError
 from tailstack_service.documents import to_json
@@ -149,26 +150,7 @@ def objects_of(record: GateRecord) -> list[dict[str, str]]:
 
 
 # published: OMG, reqif.xsd (20110401), the part that is used: children (a star: any number), attributes asked for
-KNOWN = {
-    "REQ-IF": ("THE-HEADER CORE-CONTENT", ""), "THE-HEADER": ("REQ-IF-HEADER", ""),
-    "REQ-IF-HEADER": ("CREATION-TIME REQ-IF-TOOL-ID REQ-IF-VERSION SOURCE-TOOL-ID TITLE", "IDENTIFIER"),
-    "CORE-CONTENT": ("REQ-IF-CONTENT", ""),
-    "REQ-IF-CONTENT": ("DATATYPES SPEC-TYPES SPEC-OBJECTS SPECIFICATIONS", ""),
-    "DATATYPES": ("DATATYPE-DEFINITION-STRING* DATATYPE-DEFINITION-REAL*", ""),
-    "DATATYPE-DEFINITION-STRING": ("", "IDENTIFIER LAST-CHANGE MAX-LENGTH"),
-    "DATATYPE-DEFINITION-REAL": ("", "IDENTIFIER LAST-CHANGE ACCURACY MIN MAX"),
-    "SPEC-TYPES": ("SPEC-OBJECT-TYPE* SPECIFICATION-TYPE*", ""),
-    "SPEC-OBJECT-TYPE": ("SPEC-ATTRIBUTES", "IDENTIFIER LAST-CHANGE"),
-    "SPECIFICATION-TYPE": ("", "IDENTIFIER LAST-CHANGE"),
-    "SPEC-ATTRIBUTES": ("ATTRIBUTE-DEFINITION-STRING* ATTRIBUTE-DEFINITION-REAL*", ""),
-    "ATTRIBUTE-DEFINITION-STRING": ("TYPE", "IDENTIFIER LAST-CHANGE"),
-    "ATTRIBUTE-DEFINITION-REAL": ("TYPE", "IDENTIFIER LAST-CHANGE"),
-    "SPEC-OBJECTS": ("SPEC-OBJECT*", ""), "SPEC-OBJECT": ("VALUES TYPE", "IDENTIFIER LAST-CHANGE"),
-    "VALUES": ("ATTRIBUTE-VALUE-STRING* ATTRIBUTE-VALUE-REAL*", ""),
-    "ATTRIBUTE-VALUE-STRING": ("DEFINITION", "THE-VALUE"), "ATTRIBUTE-VALUE-REAL": ("DEFINITION", "THE-VALUE"),
-    "SPECIFICATIONS": ("SPECIFICATION*", ""), "SPECIFICATION": ("CHILDREN TYPE", "IDENTIFIER LAST-CHANGE"),
-    "CHILDREN": ("SPEC-HIERARCHY*", ""), "SPEC-HIERARCHY": ("OBJECT", "IDENTIFIER LAST-CHANGE"),
-}  # fmt: skip
+KNOWN = {element: (children, asked) for element, children, asked in read_cases("reqif", "known")}
 
 
 def assert_valid(root: ET.Element, space: str) -> None:

@@ -13,7 +13,7 @@ from door_pages import run_page
 from table_scenes import read_rows, write_table
 
 from family import run_process
-from plain_data import refusals_of
+from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
@@ -71,7 +71,7 @@ def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, 
 
 @pytest.mark.parametrize(
     ("text", "place", "said"),
-    refusals_of("tables", "batch"),
+    read_cases("tables", "batch"),
 )
 def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
     text: str, place: str, said: str, tmp_path: Path, capsys: Any

@@ -21,7 +21,7 @@ import sqlalchemy as sa
 from service_scenes import client_with, limited
 from store_scenes import Clock
 
-from plain_data import problems_of, refusals_of
+from plain_data import problems_of, read_cases
 from tailstack_service.jobs.store import audit, tables, upkeep
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.keys import Key, create_key, find_key, list_keys, revoke_key
@@ -103,7 +103,7 @@ def test_keys_are_listed_by_tenant_the_oldest_first(store: Database, clock: Cloc
 
 @pytest.mark.parametrize(
     ("changes", "pointers"),
-    refusals_of("keys", "keys"),
+    read_cases("keys", "keys"),
 )  # fmt: skip
 def test_a_key_that_cannot_be_is_refused(store: Database, changes: dict[str, object], pointers: list[str]) -> None:
     assert [problem.pointer for problem in problems_of(make, store, **changes, error=RequestError)] == pointers

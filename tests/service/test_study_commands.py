@@ -20,7 +20,7 @@ from service_scenes import EXAMPLES, ROOT, small_design, write_json
 from test_report_figures import check_picture
 
 from optimise_documents import document, moving
-from plain_data import refusals_of
+from plain_data import read_cases
 from tailstack.design import compile_design, load_design
 from tailstack.errors import StudyError
 from tailstack.studies.linearity import study_linearity
@@ -121,7 +121,7 @@ def test_the_figure_is_drawn_from_the_record(coupling: dict) -> None:
     assert all(0 < float(mark.get("cx", -1)) < width and 0 < float(mark.get("cy", -1)) < height for mark in marks)
 
 
-@pytest.mark.parametrize(("arguments", "said"), refusals_of("studies", "arguments"))
+@pytest.mark.parametrize(("arguments", "said"), read_cases("studies", "arguments"))
 def test_what_is_not_asked_for_rightly_is_bad_input(
     refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
 ) -> None:

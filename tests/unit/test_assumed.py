@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from plain_data import DEMO, EXAMPLES, problems_of, refusals_of
+from plain_data import DEMO, EXAMPLES, problems_of, read_cases
 from tailstack import DesignError, load_design, score
 from tailstack.design import Revision, compile_design, design_to_data, design_to_yaml, revise_design
 from tailstack.design.assumed import follow_changes, list_assumed
@@ -69,7 +69,7 @@ def test_a_pointer_to_a_section_covers_each_number_and_text_written_back_says_th
 
 @pytest.mark.parametrize(
     ("pointer", "hint"),
-    refusals_of("design", "assumed"),
+    read_cases("design", "assumed"),
 )
 def test_what_leads_nowhere_is_refused_and_its_cure_is_accepted(pointer: str, hint: str) -> None:
     problem = problems_of(load_design, assuming("/views/0/isocentre_mm", pointer), error=DesignError)[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pytest
 
-from plain_data import EXAMPLES, problems_of, refusals_of
+from plain_data import EXAMPLES, problems_of, read_cases
 from tailstack.design import load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS
@@ -79,7 +79,7 @@ def test_there_and_back_through_both_files(unit):
 
 @pytest.mark.parametrize(
     ("text", "code", "line", "cure"),
-    refusals_of("tables", "cages"),
+    read_cases("tables", "cages"),
 )
 def test_what_xmalab_would_misread_is_refused_with_the_cure(text, code, line, cure):
     found = refused(text, None)

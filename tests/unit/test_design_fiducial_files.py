@@ -14,7 +14,7 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from plain_data import DEMO, EXAMPLES, problems_of, refusals_of
+from plain_data import DEMO, EXAMPLES, problems_of, read_cases
 from tailstack.design import compile_design, design_json_schema, design_to_json, design_to_yaml, load_design
 from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
@@ -64,7 +64,7 @@ def test_variants_are_read_and_what_labels_hold_separates_no_cells(name, text, l
     assert (found.labels[0], found.positions_mm[0]) == (label, first_mm)
 
 
-@pytest.mark.parametrize(("text", "code", "line"), refusals_of("tables", "csv"))
+@pytest.mark.parametrize(("text", "code", "line"), read_cases("tables", "csv"))
 def test_csv_refusals(text, code, line):
     problem = refused(text, "b.csv")
     assert (problem.code, problem.line) == (code, line)

@@ -15,7 +15,7 @@ import pytest
 
 from laws import linear_law
 from plain_data import DEMO as DATA
-from plain_data import EXAMPLES, problems_of, refusals_of, replaced
+from plain_data import EXAMPLES, problems_of, read_cases, replaced
 from tailstack import DesignError, OutOfRangeError, load_design, score, verify
 from tailstack.design.pointers import pointer_of
 from tailstack.design_function import DesignFunction
@@ -139,7 +139,7 @@ def test_paths_as_people_write_them(path: str, pointer: str) -> None:
 MANY = [{"pointer": f"/views/0/{k}", "values": [1.0]} for k in range(7)]
 
 
-@pytest.mark.parametrize(("axes", "pointer", "code"), [*refusals_of("values", "axes"), (MANY, "/axes", "axes")])
+@pytest.mark.parametrize(("axes", "pointer", "code"), [*read_cases("values", "axes"), (MANY, "/axes", "axes")])
 def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: str) -> None:
     problem = problems_of(read_axes, DEMO, axes, error=SweepError)[0]
     assert (problem.pointer, problem.code) == (pointer, code)
@@ -196,7 +196,7 @@ def test_what_is_a_list_a_default_or_a_label_can_be_set() -> None:
     assert pointer_of(SEATED.source.data, typed) == "/interfaces/structure_connector/locators/2/half_width_mm"
 
 
-@pytest.mark.parametrize(("path", "value", "pointer", "code", "words"), refusals_of("values", "values"))
+@pytest.mark.parametrize(("path", "value", "pointer", "code", "words"), read_cases("values", "values"))
 def test_what_is_wrong_is_refused_with_its_pointer(
     path: str, value: object, pointer: str, code: str, words: str
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, refusals_of, replaced
+from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, read_cases, replaced
 from tailstack.design import DEFAULT_LIMITS, Limits, check_design, load_design
 from tailstack.errors import DesignError, LimitError, TailstackError
 
@@ -31,7 +31,7 @@ def case(path, value, code, words, pointer=None):
 
 
 CASES = [
-    *(case(*row) for row in refusals_of("design", "cases")),
+    *(case(*row) for row in read_cases("design", "cases")),
     case("fiducials/origin", ORIGIN | {"left_out": ["x"] * 1001}, "too-many", "1000", "/fiducials/origin/left_out"),
 ]
 

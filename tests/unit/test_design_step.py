@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from family import run_process
-from plain_data import problems_of, refusals_of
+from plain_data import problems_of, read_cases
 from tailstack.design import load_design
 from tailstack.errors import DesignError, StepError, TailstackError
 from tailstack.integrations.conversion import convert
@@ -229,7 +229,7 @@ def test_a_turned_circle_is_a_ball_where_it_closes_and_one_given_twice_is_taken_
 
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
-    refusals_of("tables", "step"),
+    read_cases("tables", "step"),
 )  # fmt: skip
 def test_a_file_that_lies_is_refused_at_its_line(old: str, new: str, line: int, words: str) -> None:
     text = text_of(ONE).decode()

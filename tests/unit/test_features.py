@@ -14,7 +14,7 @@ import pytest
 import yaml
 from scipy.optimize import linprog
 
-from plain_data import EXAMPLES, problems_of, refusals_of
+from plain_data import EXAMPLES, problems_of, read_cases
 from tailstack import score
 from tailstack.design import compile_design, load_design
 from tailstack.design.features import spread_sum
@@ -69,7 +69,7 @@ def test_tables_follow_the_formulas_of_the_standard():
     assert np.abs(np.array(M_UM[1:]) - m).max() <= 1
 
 
-@pytest.mark.parametrize(("change", "code", "word"), refusals_of("features", "features"))
+@pytest.mark.parametrize(("change", "code", "word"), read_cases("features", "features"))
 def test_what_no_seat_is_is_refused_with_the_cure(change, code, word):
     data = copy.deepcopy(SEAT)
     data["interfaces"]["structure_connector"]["features"][2] |= change

@@ -15,7 +15,7 @@ from scipy import constants
 from scipy.spatial.transform import Rotation
 
 from cure_walk import refused
-from plain_data import EXAMPLES, problems_of
+from plain_data import EXAMPLES, problems_of, read_cases
 from records import examples_with, fields_of, records_below, words_of
 from tailstack.cures import ask_meant
 from tailstack.design import load_design
@@ -194,19 +194,7 @@ def test_what_a_name_means_is_converted(
     assert np.array(found) == pytest.approx(np.array(line[1]), rel=1e-9)
 
 
-@pytest.mark.parametrize(("name", "fields", "around", "words"), [
-    ("tolerance_mm", ["half_width_mm"], {}, "of a whole zone half of it"),
-    ("std_mm", ["half_width_mm"], {}, "the law between them is not stated"),
-    ("std_mm", ["half_width_mm"], {"distribution": "bounded"}, "the law between them is not stated"),
-    ("quaternion", POSE, {}, "the scalar comes first"),
-    ("half_width_percent", ["half_width_deg"], {}, "cannot be converted"),
-    ("stiffness_nanometres_per_rad", ["stiffness_nm_per_rad"], {}, "it is in Nm/rad, and nanometres/rad cannot be"),
-    ("fiducial_noise_rms_px", ["fiducial_noise_px"], {}, "of whole points divide by the root of 2"),
-    ("euler_deg", POSE, {}, "Rx(rx) Ry(ry) Rz(rz)"),
-    ("noise_px", ["fiducial_noise_px", "target_noise_px"], {}, "fiducial_noise_px or target_noise_px?"),
-    ("fiducial_noise_mm", ["fiducial_noise_px"], {}, "divide by pixel_mm"),
-    ("isocentre_detector_mm", ["source_isocentre_mm"], {}, "source_detector_mm less it"),
-])  # fmt: skip
+@pytest.mark.parametrize(("name", "fields", "around", "words"), read_cases("names", "unknown"))
 def test_what_cannot_be_known_is_said_and_no_line_is_to_be_carried_out(
     name: str, fields: list[str], around: dict[str, Any], words: str
 ) -> None:
@@ -253,22 +241,7 @@ def test_no_word_of_a_choice_is_offered_for_one_of_another_meaning() -> None:
             assert ask_meant(word.replace("_", " "), known) == f"did you mean {word}?"
 
 
-OTHERS = {
-    ("normal", "uniform", "triangular", "bounded"): (
-        "half_normal", "half-normal", "folded_normal", "lognormal", "log-normal", "truncated_normal", "rayleigh",
-        "student_t", "cauchy", "arcsine", "trapezoidal", "abnormal", "nonuniform", "unbounded", "quadrangular",
-    ),
-    ("pooled", "per_unit"): ("unpooled", "per_shot", "per_target", "per_batch"),
-    ("tcp", "localisation"): ("registration", "fiducial_localisation", "tcx"),
-    ("full", "small_angle"): ("large_angle", "half"),
-    ("dlt", "pose", "pose_with_prior", "reprojection"): ("pose_without_prior", "projection", "dls", "p3p"),
-    ("normalised", "published", "weighted", "reprojection"): ("unnormalised", "unweighted", "unpublished"),
-    ("physical", "eq18"): ("eq13", "eq17", "nonphysical"),
-    ("LPS", "RAS"): ("LPI", "RAI", "LAS", "RPS"),
-    ("um", "mm", "cm", "m", "in"): ("nm", "dm", "km", "pm"),
-    ("reciprocal", "reciprocal_square", "exponential"): ("reciprocal_cube", "square", "reciprocal_sqrt", "logarithmic"),
-    ("AP", "LAT"): ("PA", "RAO", "LAO", "LL"),
-}  # fmt: skip
+OTHERS = {tuple(known): words for known, *words in read_cases("names", "others")}
 
 
 @pytest.mark.parametrize("known", OTHERS, ids="/".join)

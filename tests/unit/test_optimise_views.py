@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optimise_documents import document, moving, optimised
-from plain_data import problems_of, refusals_of
+from plain_data import problems_of, read_cases
 from tailstack.design import Design, load_design
 from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
@@ -312,7 +312,7 @@ def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
     assert "stopped on request" in found.aimed.sentence
 
 
-REFUSED = {name: row for name, *row in refusals_of("views", "views")}
+REFUSED = {name: row for name, *row in read_cases("views", "views")}
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from plain_data import DEMO, REMOVED, problems_of, refusals_of, replaced
+from plain_data import DEMO, REMOVED, problems_of, read_cases, replaced
 from tailstack.cures import cure_text
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
@@ -65,7 +65,7 @@ FCSV = "# Markups fiducial file version = 5.2\n# CoordinateSystem = LPS\n"
 FCSV += "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
 
 
-@pytest.mark.parametrize(("row", "said"), refusals_of("tables", "fcsv"))
+@pytest.mark.parametrize(("row", "said"), read_cases("tables", "fcsv"))
 def test_a_row_of_fcsv_has_the_cells_of_its_format(row: str, said: str | None) -> None:
     if said is None:
         assert read(FCSV + row, "b.fcsv").positions_mm == ((1, 2, 3),)
@@ -171,7 +171,7 @@ def test_a_row_above_the_others_is_no_remark_and_no_title(above: str, line: int)
 # --- spreadsheets -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("text", "line", "cure"), refusals_of("tables", "two_meanings"))
+@pytest.mark.parametrize(("text", "line", "cure"), read_cases("tables", "two_meanings"))
 def test_what_can_be_meant_in_two_ways_is_refused(text: str, line: int, cure: str) -> None:
     found, _, hint = refused(text)
     assert found == line

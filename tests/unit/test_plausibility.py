@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, replaced
+from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, read_cases, replaced
 from tailstack.design import check_design, load_design
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.design.presets import PRESETS
@@ -69,40 +69,7 @@ THEATRE = replaced(THEATRE, ("views", 1, "intrinsics_prior"), {"focal_rel_sd": 0
 THEATRE["views"][1]["intrinsics_error"] = {"focal": {"bias_rel": 0, "half_width_rel": 0.01, "distribution": "normal"}}
 ARM = {"joints": [{"name": "turn"}], "joints_imaging_deg": [0], "joints_executing_deg": [0]}
 THEATRE = replaced(THEATRE, ("execution", "robot"), ARM)
-CASES = [
-    ("ball-size", ("fiducials", "diameter_mm"), 0.003, 0.3, "If metres were meant, write 3"),
-    ("ball-size", ("fiducials", "diameter_mm"), 30, 15, "in one place"),
-    ("share-in-percent", ("views", 1, "intrinsics_prior", "focal_rel_sd"), 1, 0.2, "write 0.01"),
-    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "half_width_rel"), 0.5, 0.1, "50 %: which"),
-    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "bias_rel"), -0.3, -0.1, "write -0.003"),
-    ("share-in-percent", ("fiducials", "loss_probability"), 0.5, 0.05, "write 0.005"),
-    ("share-in-percent", ("fiducials", "points", 3, "loss_probability"), 0.9, 0, "F4 loss_probability"),
-    ("expansion-too-small", ("temperature", "structure_expansion_um_per_m_k"), 47e-6, 1, "write 47"),
-    ("expansion-too-small", ("temperature", "connector_expansion_um_per_m_k"), -1e-6, 0, "glass ceramic"),
-    ("half-width-too-fine", RX, 0.00035, 0.0021, "0.02005"),  # 0.02 degrees in radians
-    ("half-width-too-fine", TX, 0.00002, 0.0001, "write 0.02"),  # 0.02 mm in metres
-    ("half-width-too-fine", TX, 1e-9, 0, "If it does not vary at all, write 0"),  # 0 says that it does not vary
-    ("half-width-too-fine", ("fiducials", "manufacturing", "half_width_mm"), 0.00005, 0.005, "write 0.05"),
-    ("half-width-too-wide", RX, 1.5, 1.0, "clip-on"),
-    ("half-width-too-wide", TX, 20, 0.5, "clip-on"),  # micrometres
-    ("noise-too-small", ("views", 0, "fiducial_noise_px"), 0, 0.015, "0.3 for typical"),
-    ("noise-too-small", ("views", 1, "target_noise_px"), 0.001, 0.05, "0.3 for typical"),
-    ("noise-too-large", ("views", 0, "fiducial_noise_px"), 35, 4.0, "in pixels"),
-    ("noise-too-large", ("views", 1, "target_noise_px"), 5.1, 5.0, "clicked by hand"),
-    ("repeatability-too-wide", ("execution", "repeatability", "std_mm"), 500, 0.5, "write 0.5"),
-    ("repeatability-too-wide", ("execution", "repeatability", "std_mm"), 5, 1.0, "no robot's data sheet"),
-    ("limit-too-wide", ("requirements", 0, "limit_mm"), 600, 20, "If micrometres were meant, write 0.6"),
-    ("pivot-among-fiducials", (*SEAT, "pivot_mm"), [0, 0, -9.5], [0, 0, -95], "write [0, 0, -95]"),
-    ("pivot-off-flange", ("interfaces", "connector_flange", "pivot_mm"), [0, 0, -14.5], [0, 0, -90], "in centimetres"),
-    ("length-too-small", (*SEAT, "pivot_mm"), [0, 0, -0.095], [0, 0, -95], "If metres were meant, write [0, 0, -95]"),
-    ("length-too-large", (*SEAT, "pivot_mm"), [0, 0, -95e3], [0, 0, -95], "micrometres were meant, write [0, 0, -95]"),
-    ("value-too-small", (*SEAT, "bias", "tz_mm"), 0.00003, 0.03, "If metres were meant, write 0.03"),
-    ("value-too-large", ("temperature", "difference_k"), 293, 20, "absolute scale"),
-    ("angle-in-radians", ("transforms", "T_tcp_flange", "rotation_deg", 2), -1.5708, -90, "Write -90"),
-    ("angle-in-radians", ("transforms", "T_flange_con", "rotation_deg", 0), 0.785, 0.8, "Write 45"),
-    ("angle-in-radians", (*SEAT, "bias", "rz_deg"), 3.14, 3.1, "Write 180"),
-    ("angle-in-radians", ("execution", "robot", "joints_imaging_deg", 0), 1.57, 1.6, "Write 90"),
-]
+CASES = read_cases("design", "implausible")
 
 
 @pytest.mark.parametrize(("rule", "path", "value", "neighbour", "words"), CASES)

@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from damage import damaged
-from plain_data import DEMO, refusals_of, replaced
+from plain_data import DEMO, read_cases, replaced
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
 from tailstack.design.urdf_files import read_urdf
@@ -363,7 +363,7 @@ def test_an_arm_of_a_file_is_that_of_its_matrices_and_of_its_joints_in_the_docum
     assert {"robot:stand", "robot:J2", "robot:flange"} <= lines
 
 
-BROKEN = refusals_of("robots", "urdf")
+BROKEN = read_cases("robots", "urdf")
 
 
 @pytest.mark.parametrize(("change", "code"), BROKEN)

@@ -17,7 +17,7 @@ import test_design_refusals
 import yaml
 
 from cure_walk import check_obeyed, refused, walk_slips
-from plain_data import DEMO, EXAMPLES, problems_of, replaced
+from plain_data import DEMO, EXAMPLES, problems_of, read_cases, replaced
 from records import fields_of, records_below, sample_of
 from tailstack.design import check_design, load_design
 from tailstack.design.document import DesignDocument
@@ -38,33 +38,7 @@ def line_of(text: str, part: str) -> int:
     return next(number for number, line in enumerate(text.splitlines(), 1) if part in line)
 
 
-TYPED = [  # what stands in the demo, what is typed instead, the pointer, and the cure
-    ("    limit_mm: 1.0", "    limit_mm: 1,0", "/requirements/0/limit_mm", "with a point: 1.0"),
-    ("    limit_mm: 1.0", "    limit_mm: '1,050'", "/requirements/0/limit_mm", "write 1.05 or 1050"),
-    *(("rx: { half_width_deg: 0.10,", f"rx: {{ half_width_deg: {text},",
-       "/interfaces/structure_connector/tolerances/rx/half_width_deg", f"1' is 1/60 deg: write {value}")
-      for text, value in (("6'", "0.1"), ("0°6'", "0.1"), ("1°30'", "1.5"), ("6'36\"", "0.11"))),
-    ("rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0,10,",
-     "/interfaces/structure_connector/tolerances/rx/half_width_deg", "write it with a point: 0.10"),
-    ("label: F2, position_mm: [30,", "label: 2,5, position_mm: [30,", "/fiducials/points/1/label", "a point: 2.5"),
-    ("rx: { half_width_deg: 0.10,", "rx: { half_width_deg: 0,05,",
-     "/interfaces/structure_connector/tolerances/rx/05", "with a point, as in 0.05"),
-    ("position_mm: [-30, -29, -72]", "position_mm: [-30,5, -29,2, -72]", "/fiducials/points/0/position_mm",
-     "if -30,5 is one number, write it with a point, -30.5"),
-    ("    quantile: 0.95", "    quantile: 95", "/requirements/0/quantile", "95 % is 0.95"),
-    ("    quantile: 0.95", "    quantile: 95 %", "/requirements/0/quantile", "95 % is 0.95"),
-    ("    confidence: 0.95", "    confidence: 99.5", "/requirements/0/confidence", "99.5 % is 0.995"),
-    ("half_width_mm: 0.05, distribution: uniform", "half_width_mm: 0.05, distribution: gaussian",
-     "/fiducials/manufacturing/distribution", "did you mean normal?"),
-    ("    risk: pooled", "    risk: per unit", "/requirements/0/risk", "did you mean per_unit?"),
-    ("    error: tcp", "    error: TCP", "/requirements/0/error", "did you mean tcp?"),
-    ("    error: tcp", "    error: localization", "/requirements/0/error", "did you mean localisation?"),
-    ("    risk: pooled", "    risc: pooled", "/requirements/0/risc", "did you mean risk?"),
-    ("    risk: pooled", "    minYield: 0.9", "/requirements/0/minYield", "did you mean min_yield?"),
-    ("    targets: all", "    targets: [Tip]", "/requirements/0/targets/0", "did you mean tip?"),
-    ("  - name: AP\n    preset: siemens-cios-fusion", "  - name: AP\n    preset: Siemens Cios Fusion",
-     "/views/0/preset", "did you mean siemens-cios-fusion?"),
-]  # fmt: skip
+TYPED = read_cases("design", "slips")
 
 
 @pytest.mark.parametrize(("old", "new", "pointer", "cure"), TYPED)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plain_data import refusals_of
+from plain_data import read_cases
 from scenes import cube8_system, target
 from tailstack.errors import TailstackError
 from tailstack.studies.bench.compare import study_comparison
@@ -98,7 +98,7 @@ def test_targets_are_those_of_the_design() -> None:
 
 
 BAD = [
-    *refusals_of("measurements", "files"),
+    *read_cases("measurements", "files"),
     ("level,n,mean_mm,sd_mm\nA," + "9" * 5000 + ",1,0\n", 2, "out-of-range", "n is a whole number"),
     ("level,error_mm\n" + "A,1\n" * 20_001, 20_002, "too-many", "20,001 lines of measurements"),
     ("error_mm\n" + "1\n" * 2001, 2002, "too-many", "at most 2,000"),
