@@ -197,7 +197,7 @@ def made_roughly(std_mm: float) -> System:
     ("system", "words"),
     [
         (warm(-190, 40), "growth by temperature of 2.3 %"),
-        (told_wrongly(-0.03), "intrinsics that are known to be 3 % wrong"),
+        (told_wrongly(-0.03), "intrinsics that are known to be 3.0 % wrong"),
         (made_roughly(0.05), "times the noise in the images"),
     ],
     ids=("cold", "wrong focal length", "rough fiducials under a prior"),

@@ -14,7 +14,7 @@ from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
 from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
-from tailstack.results.digits import count_decimals, in_percent, length
+from tailstack.results.digits import count_decimals, in_percent, length, number
 from tailstack.results.verdicts import assumed_sentence, name_all
 from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
@@ -70,8 +70,8 @@ def find_first_order_gaps(case: Case) -> Iterator[Remark]:
         percent = 100 * abs(target.first_order_ratio - 1)
         way = "below" if target.first_order_ratio < 1 else "above"
         message = (
-            f"target {target.name}: the estimated P95 is {percent:.2g} % {way} the simulated one; {allowed:g} % are "
-            "allowed"
+            f"target {target.name}: the estimated P95 is {number(percent, 2)} % {way} the simulated one; {allowed:g} % "
+            "are allowed"
         )
         yield Remark(point_at_target(case, index), message, percent, allowed, target.name)
 
@@ -386,9 +386,9 @@ def find_idle_processes(
     for pointer, (processes, members) in groups.items():
         tolerances = [tolerance for design in members for tolerance in list_tolerances(design)]
         for index, process in enumerate(processes):
-            for number, pattern in enumerate(process.tolerances):
+            for place, pattern in enumerate(process.tolerances):
                 if (message := _explain_idle(process, pattern, tolerances, len(members))) is not None:
-                    yield "process-unused", Remark(f"{pointer}/{index}/tolerances/{number}", message)
+                    yield "process-unused", Remark(f"{pointer}/{index}/tolerances/{place}", message)
 
 
 def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], designs: int) -> str | None:

@@ -174,7 +174,7 @@ def _limits(system: System) -> Iterator[Limit]:
     """How much beads spread or draw together at most: first order errs by as much."""
     each = (effect.sources for effect in system.effects if isinstance(effect, ClampingEffect))
     widths = [width for own in each for width, name in zip(own.half_width, own.names, strict=True) if name == "scale"]
-    yield Proportional("a common scale of the fiducials of {:.2g} %", float(max(widths, default=0.0)))
+    yield Proportional("a common scale of the fiducials of {} %", float(max(widths, default=0.0)))
 
 
 KIND = EffectKind(

@@ -139,10 +139,10 @@ def _limits(system: System) -> Iterator[Limit]:
     about = system.fiducials_mm - system.fiducials_mm.mean(axis=0)
     away = max(np.linalg.norm(each.position_mm - system.fiducials_mm.mean(axis=0)) for each in system.targets)
     if away > NEAR * np.sqrt((about**2).sum(axis=1).mean()):
-        words = "intrinsics that are known to be wrong, for a target far away, which may change P95 by {:.2g} %"
+        words = "intrinsics that are known to be wrong, for a target far away, which may change P95 by {} %"
         yield Proportional(words, COUNTED_FAR * size)
     else:
-        yield Proportional("intrinsics that are known to be {:.2g} % wrong", size)
+        yield Proportional("intrinsics that are known to be {} % wrong", size)
 
 
 KIND = EffectKind(

@@ -415,7 +415,7 @@ def _limits(system: System) -> Iterator[Limit]:
     for effect in system.effects_at(Place.ARM):
         turns = np.array([unit == "rad" for unit in effect.sources.units], dtype=bool)
         total += float(((2 * effect.sources.std[turns]) ** 2).sum())
-    yield Proportional("a robot whose joints and links turn by {:.2g} %", total**0.5)
+    yield Proportional("a robot whose joints and links turn by {} %", total**0.5)
 
 
 KIND = EffectKind(

@@ -161,7 +161,7 @@ def _limits(system: System) -> Iterator[Limit]:
     growth = [
         abs(heat.structure_per_k) * (abs(heat.known[0]) + heat.sources.half_width.sum()) for heat in _find(system)
     ]
-    yield Proportional("growth by temperature of {:.2g} %", max(growth, default=0.0))
+    yield Proportional("growth by temperature of {} %", max(growth, default=0.0))
 
 
 KIND = EffectKind(

@@ -22,7 +22,7 @@ from ..geometry.arrays import Array
 from ..levels import Drawn
 from ..propagation.linear import ErrorModel, effects_of_images, with_perfect_fiducials
 from ..results import Finding
-from ..results.digits import at_least, at_most
+from ..results.digits import at_least, at_most, number
 from ..system import Requirement, System, Way
 from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile, is_noise
@@ -215,7 +215,7 @@ def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
         most = problem.stay.at_most_mm
         return f"at_most_mm {at_least(most * (1 + slack) ** 0.5 * (1 + INTERIOR))} instead of {most:g}"
     name = {"field": "the field of view", "region": "the regions", "keep_out": "the keep-out zones"}[kind]
-    return f"{name} exceeded by {100 * slack:.2g} % of their size"
+    return f"{name} exceeded by {number(100 * slack, 2)} % of their size"
 
 
 TARGET_CODES = ("same-source", "target-on-baseline", "target-too-far")

@@ -23,6 +23,7 @@ from ..effects import EFFECTS
 from ..effects.kind import Excess, Limit, Proportional
 from ..geometry.rotation import RotationForm
 from ..results import Validity
+from ..results.digits import number
 from ..system import DEFAULT_ESTIMATOR, System
 from .nonlinearity import Nonlinearity, motion_of_images
 from .turns import NO_TURNS, Turns
@@ -173,17 +174,17 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
         f"; counted {times:g} times: {fiducials} fiducials)" if times > 1 else ")"
     )
     if turns.size > TURN_LIMITS[0]:
-        counted += f", mounts that turn so far that {100 * turns.size:.2g} % of the error is of second order"
+        counted += f", mounts that turn so far that {number(100 * turns.size, 2)} % of the error is of second order"
     in_proportion = {
-        "mounts that turn about a lever with a known error along it, which changes P95 by {:.2g} %": turns.along_bias,
-        "a known error beside errors by the images that grow with it, which may change P95 by {:.2g} %": (
+        "mounts that turn about a lever with a known error along it, which changes P95 by {} %": turns.along_bias,
+        "a known error beside errors by the images that grow with it, which may change P95 by {} %": (
             turns.images_beside_bias
         ),
-        "known shifts of images of {:.2g} % of what they are seen by": numbers.known,
+        "known shifts of images of {} % of what they are seen by": numbers.known,
     } | {limit.words: limit.size for limit in limits if isinstance(limit, Proportional)}
     for template, size in in_proportion.items():
         if size > BIAS_LIMITS[0]:
-            counted += ", " + template.format(100 * size)
+            counted += ", " + template.format(number(100 * size, 2))
     linear = max(in_proportion.values())
 
     def state(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
