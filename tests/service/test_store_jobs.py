@@ -410,15 +410,6 @@ def test_cpu_seconds_are_counted_by_tenant_and_minute(store: Database, clock: Cl
     assert usage.sum_cpu_seconds(store, "nobody", 0.0) == 0.0
 
 
-def test_what_came_first_is_served_first(store: Database, clock: Clock) -> None:
-    made = []
-    for _ in range(6):
-        made.append(submit(store).id)
-        clock.advance(1)
-    assert [held.job_id for held in claim(store, limit=4)] == made[:4]
-    assert [held.job_id for held in claim(store, limit=4)] == made[4:]
-
-
 def test_a_small_job_is_not_stuck_behind_a_large_one_of_the_same_age(store: Database, clock: Clock) -> None:
     large, small = split_each(store, clock, 500, 5)
     served = []

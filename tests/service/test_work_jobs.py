@@ -205,27 +205,7 @@ def test_a_sweep_in_units_is_the_sweep_in_process(options: dict[str, Any]) -> No
     assert len(recorded) > 1
 
 
-def test_axes_that_lead_nowhere_are_a_problem_of_the_request() -> None:
-    axes = [AXES[0], {"pointer": "/views/0/fiducial_noise", "values": [1.0]}]
-    outcome, _ = run_job("sweep", {"design": example("demo"), "axes": axes})
-    problem = json.loads(outcome.problem or b"")
-    assert problem["type"] == "/v1/problems/invalid-request"
-    assert problem["errors"][0]["pointer"] == "/axes/1/pointer"
-    assert "did you mean views.AP.fiducial_noise_px?" in problem["errors"][0]["hint"]
-
-
 # --- any kind -------------------------------------------------------------------------------------
-
-
-def test_a_refused_design_is_a_problem_with_its_place_in_the_request() -> None:
-    data = example("demo")
-    data["views"][0]["fiducial_noise_px"] = -1
-    outcome = perform(Task("verification", canonical({"design": data, "seed": 0}), ADVANCE))
-    problem = json.loads(outcome.problem or b"")
-    assert problem["errors"][0]["pointer"] == "/design/views/0/fiducial_noise_px"
-    assert problem["instance"] == ""
-    assert outcome.answer is None
-    assert outcome.more == ()
 
 
 def test_a_defect_is_raised_and_not_told_to_the_user() -> None:

@@ -32,23 +32,6 @@ SHOT = linear_law(np.zeros(3), NOISE)
 FIXED = np.zeros((3, 3))
 
 
-def test_isotropic_shots_depend_on_the_distance_only():
-    """Closed form: R is a function of |d|, so the yield is P(|d| <= R^-1(limit)); noncentral chi both ways."""
-    unit, shot, limit, p = 0.5, 0.2, 1.2, 0.95
-    installation, shots = (linear_law(np.zeros(3), s**2 * np.eye(3)) for s in (unit, shot))
-    risk = unit_risk(installation, shots, p, limit)
-    distance = stats.chi.ppf(0.95, 3) * unit
-    percentile = shot * sqrt(stats.ncx2.ppf(p, 3, (distance / shot) ** 2))
-    low, high = 0.0, 2.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        inside = stats.ncx2.cdf((limit / shot) ** 2, 3, (middle / shot) ** 2) >= p
-        low, high = (middle, high) if inside else (low, middle)
-    # The control variate is then the indicator itself: hardly any sampling error is left.
-    assert risk.yield_fraction == pytest.approx(stats.chi.cdf(low / unit, 3), abs=1.5e-3)
-    assert risk.value_mm == pytest.approx(percentile, abs=2e-3)
-
-
 @pytest.mark.parametrize("p", [0.3, 0.95])
 @pytest.mark.parametrize("gaussian", [False, True])
 def test_brute_force(p, gaussian):
@@ -72,16 +55,13 @@ def test_brute_force(p, gaussian):
     assert 0 < risk.yield_standard_error < 0.01
 
 
-def test_shots_with_bounded_columns():
-    """400 units drawn plainly and each solved with the declared law; within 4 joint standard errors."""
+@pytest.mark.parametrize("fraction", [0.3, 0.5, 0.7])
+def test_as_many_units_keep_a_quantile_as_it_says_where_shots_are_bounded(fraction):
+    """closed form: F(Q(y)) = y, where another fraction is required; uncorrected shots are 0.016 or more off."""
     unit = linear_law([0.2, 0, 0.1], FIXED, COLUMNS)
-    shot = linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1]))
-    risk = unit_risk(unit, shot, 0.95, 1.2)
-    d = unit.mean + np.random.default_rng(3).uniform(-1, 1, (400, 4)) @ COLUMNS.T
-    own = np.array([law_quantile(LinearLaw(row, NOISE, shot.columns, shot.kinds), 0.95).quantile_mm for row in d])
-    reference = (own <= 1.2).mean()
-    spread = sqrt(reference * (1 - reference) / 400)
-    assert abs(risk.yield_fraction - reference) < 4 * sqrt(risk.yield_standard_error**2 + spread**2)
+    shot = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
+    limit = unit_quantile(unit, shot, 0.95, fraction).value_mm
+    assert unit_risk(unit, shot, 0.95, limit, 0.99).yield_fraction == pytest.approx(fraction, abs=0.004)
 
 
 def test_shot_correction_is_right_for_a_single_unit():
