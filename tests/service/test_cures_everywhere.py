@@ -11,6 +11,7 @@ import httpx
 import pytest
 from service_scenes import EXAMPLES, ROOT, check_problem, small_design
 
+from plain_data import read_cases
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack_service.cli.main import main
 
@@ -72,16 +73,7 @@ def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> Non
 
 @pytest.mark.parametrize(
     ("method", "path", "meant"),
-    [
-        ("POST", "/v1/score", "POST /v1/scores"),
-        ("POST", "/scores", "POST /v1/scores"),
-        ("POST", "/v1/optimizations", "POST /v1/optimisations"),
-        ("GET", "/v1/scores/", "POST /v1/scores"),
-        ("GET", "/v1/job/01k4", "GET /v1/jobs/{id}"),
-        ("GET", "/v1/jobs/01k4/event", "GET /v1/jobs/{id}/events"),
-        ("POST", "/v1/study/views", "POST /v1/studies/views"),
-        ("GET", "/nothing/like/it", None),
-    ],
+    read_cases("http", "routes"),
 )
 def test_a_route_that_is_misspelt_is_answered_with_the_nearest(
     client: httpx.Client, method: str, path: str, meant: str | None

@@ -458,15 +458,7 @@ def test_reports_of_two_revisions_stay_apart() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [
-        (["good.yaml", "--format", "docx"], "expected html, pdf, xlsx, json"),
-        (["good.yaml", "-o", "good.yaml"], "is not a directory"),
-        (["good.yaml", "-o", "new.docx"], "reports are not written as .docx"),
-        (["absent.yaml"], "no such file"),
-        (["half.json"], "not a whole tailstack/score/1"),
-        (["other.json"], "other.json:1:12: /schema: no report is made of"),
-        (["whole.json", "--seed", "3"], "a result is rendered as it is"),
-    ],
+    read_cases("gate", "reports"),
 )
 def test_what_cannot_be_reported_is_refused_with_2(
     folder: Path, refused: Any, arguments: list[str], words: str

@@ -17,6 +17,7 @@ import sqlalchemy as sa
 from service_scenes import check_problem, client_with, coplanar_design, small_design
 from store_scenes import Clock
 
+from plain_data import read_cases
 from tailstack.errors import Problem
 from tailstack_service.http import kept_designs
 from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
@@ -76,16 +77,7 @@ def test_a_patch_of_a_named_design_is_answered_like_the_whole_design(client: htt
 
 @pytest.mark.parametrize(
     ("target", "patch", "merged"),
-    [
-        ({"a": "b"}, {"a": "c"}, {"a": "c"}), ({"a": "b"}, {"b": "c"}, {"a": "b", "b": "c"}),
-        ({"a": "b"}, {"a": None}, {}),
-        ({"a": "b", "b": "c"}, {"a": None}, {"b": "c"}), ({"a": ["b"]}, {"a": "c"}, {"a": "c"}),
-        ({"a": "c"}, {"a": ["b"]}, {"a": ["b"]}),
-        ({"a": {"b": "c"}}, {"a": {"b": "d", "c": None}}, {"a": {"b": "d"}}),
-        ({"a": [{"b": "c"}]}, {"a": [1]}, {"a": [1]}), (["a", "b"], ["c", "d"], ["c", "d"]), ({"a": "b"}, ["c"], ["c"]),
-        ({"a": "foo"}, None, None), ({"a": "foo"}, "bar", "bar"), ({"e": None}, {"a": 1}, {"e": None, "a": 1}),
-        ([1, 2], {"a": "b", "c": None}, {"a": "b"}), ({}, {"a": {"bb": {"ccc": None}}}, {"a": {"bb": {}}}),
-    ],
+    read_cases("http", "patches"),
 )  # fmt: skip
 def test_patches_are_those_of_rfc_7396(target: Any, patch: Any, merged: Any) -> None:
     """published: RFC 7396, appendix A, every row."""

@@ -527,14 +527,7 @@ def test_a_defect_after_the_head_is_logged_and_nothing_is_sent_behind_it(caplog:
 
 @pytest.mark.parametrize(
     ("path", "instance"),
-    [
-        ("/x%3Fy", "/x%3Fy"),
-        ("/x%23y", "/x%23y"),
-        ("/x%0Ay", "/x%0Ay"),
-        ("/x%5Cy", "/x%5Cy"),
-        ("/%C3%A9%20%41", "/%C3%A9%20A"),
-        ("/v1/jobs/a;b=c:d@e", "/v1/jobs/a;b=c:d@e"),
-    ],
+    read_cases("http", "instances"),
 )
 def test_instance_is_the_path_as_a_uri_reference(client: httpx.Client, path: str, instance: str) -> None:
     document = check_problem(client.get(path, headers={"Host": "localhost"}), 404, "not-found")

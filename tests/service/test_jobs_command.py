@@ -17,6 +17,7 @@ from dask_cluster import make_certificates
 from gate_scenes import BAD, GOOD, NEAR, STRICT, TODAY, waivers, write_documents
 from service_scenes import answering, client_with, coplanar_design, http_answer, limited, small_design
 
+from plain_data import read_cases
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import RemoteError, RemoteService, ServerSentEvent, read_events
@@ -315,17 +316,7 @@ def gate(*arguments: str) -> int:
 @pytest.mark.long("arguments0-1")
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [
-        (["good.yaml", "--mode", "analytic"], 1),  # spacing
-        (["good.yaml", "filed.yaml", "--mode", "analytic"], 1),
-        (["good.yaml", "near.yaml", "--policy", "lenient.yaml"], 4),
-        (["bad ü.yaml", "--waivers", "waivers.yaml", "--mode", "analytic", "--policy", "lenient.yaml"], 0),
-        (["good.yaml", "--waivers", "waivers.yaml", "--mode", "analytic", "--policy", "lenient.yaml"], 0),
-        (["good.yaml", "broken.yaml", "flat.yaml", "near.yaml", "absent.yaml", "--mode", "analytic"], 2),
-        (["broken.yaml"], 2),
-        (["flat.yaml", "good.yaml"], 3),
-        (["good.yaml", "--baseline", "base.json", "--mode", "analytic", "--policy", "lenient.yaml"], 0),
-    ],
+    read_cases("gate", "remote"),
 )
 def test_the_answer_is_that_of_the_gate_here(folder: Path, url: str, arguments: list[str], code: int) -> None:
     lenient = {key: value for key, value in POLICY.items() if key != "rules"} | {"rules": STRICT["rules"]}

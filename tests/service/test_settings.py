@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from plain_data import problems_of
+from plain_data import problems_of, read_cases
 from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
@@ -62,16 +62,7 @@ def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyP
 
 @pytest.mark.parametrize(
     ("name", "value", "meant"),
-    [
-        ("TAILSTACK_MAX_TRIAL", "5", "TAILSTACK_MAX_TRIALS"),
-        ("TAILSTACK_MAXTRIALS", "5", "TAILSTACK_MAX_TRIALS"),
-        ("TAILSTACK_WORKERS_PROCESSES", "", "TAILSTACK_WORKER_PROCESSES"),
-        ("TAILSTACK_AUHT", "required", "TAILSTACK_AUTH"),
-        ("TAILSTACK_PORT", "9000", "--port"),
-        ("TAILSTACK_HOST", "0.0.0.0", "--host"),
-        ("TAILSTACK_", "1", "docs/settings.md"),
-        ("TAILSTACK_Ω", "1", "docs/settings.md"),
-    ],
+    read_cases("settings", "nearest"),
 )
 def test_a_name_that_is_no_setting_is_refused_with_the_nearest(
     name: str, value: str, meant: str, environment: pytest.MonkeyPatch

@@ -13,6 +13,7 @@ import jsonschema
 import pytest
 from service_scenes import small_design, write_json
 
+from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import json_schema
@@ -82,15 +83,7 @@ def test_the_report_of_a_sweep_without_an_answer_is_no_success(
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [
-        (["--set", "views.AP.fiducial_noise=0.1:0.2:2"], "did you mean views.AP.fiducial_noise_px?"),
-        (["--set", "views.AP.name=1,2"], "is a text"),
-        (["--set", "views.AP.fiducial_noise_px"], "PATH=START:STOP:COUNT"),
-        (["--set", "views.AP.fiducial_noise_px=0.1:0.2"], "PATH=START:STOP:COUNT"),
-        (["--set", "views.AP.fiducial_noise_px=0.1,x"], "PATH=START:STOP:COUNT"),
-        (["--set", "views.AP.fiducial_noise_px=0.1", "--trials", "5000"], "--trials: a score draws no trials"),
-        ([], "--set"),
-    ],
+    read_cases("studies", "swept"),
 )
 def test_what_cannot_be_swept_is_bad_input(refused: Any, arguments: list[str], said: str) -> None:
     told = refused("sweep", DEMO, *arguments)

@@ -188,16 +188,7 @@ def test_unknown_endings_are_refused(names):
         read_source_file(Path("/nowhere/a.csv"))
 
 
-@pytest.mark.parametrize(("name", "content", "cure"), [
-    ("beads.csv", "label,x_mm,y_mm,z_mm\narm, long,1,2,3\n",
-     "write decimals with a point; a label that holds a comma stands in double quotes"),
-    ("beads.xlsx", "", "save the sheet with the table as CSV UTF-8"),
-    ("beads.TXT", "1,2,3", "name it .csv"),
-    ("beads.csv", "1,2,3\n4,5,6\n", "put x_mm,y_mm,z_mm above it"),
-    ("beads.csv", "A;1;2;3\nB;4;5;6\n", "put label;x_mm;y_mm;z_mm above it"),
-    ("beads.csv", "x_ft,y_ft,z_ft\n1,2,3\n", "1 ft is 304.8 mm: multiply by that, and call the columns x_mm"),
-    ("beads.csv", "x [mil],y [mil],z [mil]\n1,2,3\n", "1 mil is 0.0254 mm"),
-])  # fmt: skip
+@pytest.mark.parametrize(("name", "content", "cure"), read_cases("tables", "other_forms"))
 def test_a_list_in_another_form_is_told_what_to_do_with_it(name, content, cure):
     """found by use, 2026-11: the page had no cure, as the answer had none."""
     assert cure in refused(content, name).hint

@@ -19,7 +19,7 @@ import yaml
 from scipy import optimize, stats
 
 from laws import linear_law
-from plain_data import EXAMPLES
+from plain_data import EXAMPLES, read_cases
 from tailstack import score, score_batch, verify
 from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
@@ -209,15 +209,7 @@ def test_rows_of_a_table_have_the_values_of_score() -> None:
 
 @pytest.mark.parametrize(
     ("stated", "code", "at"),
-    [
-        ({"statistic": "probability"}, "missing-field", ""),
-        ({"statistic": "max_of_n"}, "missing-field", ""),
-        ({"limit_probability": 0.1}, "unused-field", "/limit_probability"),
-        ({"statistic": "mean", "quantile": 0.9}, "unused-field", "/quantile"),
-        ({"statistic": "cvar", "n": 3}, "unused-field", "/n"),
-        ({"statistic": "max_of_n", "n": 5000}, "out-of-range", "/n"),
-        ({"statistic": "cvar", "risk": "per_unit", "min_yield": 0.9}, "unused-field", "/risk"),
-    ],
+    read_cases("statistics", "statistics"),
 )
 def test_what_a_statistic_lacks_or_does_not_read_is_refused(stated: dict[str, Any], code: str, at: str) -> None:
     with pytest.raises(DesignError) as refused:
