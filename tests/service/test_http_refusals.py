@@ -570,15 +570,6 @@ def test_a_design_that_is_named_is_asked_for_whatever_reads_it(operation: str) -
     assert pickle.loads(pickle.dumps(found)).sha256 == NOWHERE
 
 
-def test_a_patched_design_is_refused_where_the_design_stands_with_the_place_in_the_patch() -> None:
-    body = {"design": small_design(), "patch": {"views": 3}}
-    found = computations.perform(lambda: computations.receive("score", RawRequest("json", canonical(body)), Settings()))
-    assert isinstance(found, RefusedAt)
-    (problem,) = found.problems
-    assert problem.pointer == "/design/views"
-    assert problem.detail.count("/patch/views") == 1
-
-
 def test_an_admitted_gate_is_the_one_that_its_content_describes() -> None:
     """What is judged at once and what a job would read are one gate."""
     design = {"file": "a.yaml", "text": json.dumps(small_design())}
