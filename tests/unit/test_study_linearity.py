@@ -42,6 +42,18 @@ def test_ratio_of_the_cube_over_noise_in_the_published_form(noise_px: float, rat
     assert point.monte_carlo_p95_mm == pytest.approx(point.first_order_p95_mm / point.ratio, rel=1e-12)
 
 
+@pytest.mark.long("40.0")
+@pytest.mark.parametrize("noise_px", [10.0, 40.0])
+def test_ratio_against_plain_monte_carlo(noise_px: float):
+    """sampled: order statistics of 400,000 trials of another seed, no linear model in them; 99 % interval, and ours."""
+    system = cube8_system(views=with_noise(noise_px))
+    plain = verify(system, trials=400_000, seed=77).targets[0]
+    point = examine_place(system, 0, "tcp", GridPoint(noise_px, 0.0, 1.0, 8), TRIALS, 1)
+    error = 1.4 * (plain.p95_interval_mm[1] - plain.p95_interval_mm[0]) / 2 / plain.p95_mm
+    low, high = point.ratio_interval
+    assert low - error <= plain.first_order_ratio <= high + error
+
+
 @pytest.mark.parametrize(("rotation_deg", "ratio"), [(1.0, 1.0008), (2.0, 1.0020), (5.0, 1.0054)])
 def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, ratio: float):
     """independent: random rotations of 1, 2 and 5 deg give 1.0008, 1.0020 and 1.0054."""
