@@ -69,26 +69,6 @@ def test_tables_are_aligned_whole_and_fit(rows: list[tuple[str, str]]) -> None:
     assert sorted(printed) == sorted(written)
 
 
-@pytest.mark.parametrize("width", [50, 80, 120])
-def test_a_requirement_with_a_long_name_has_it_whole_above_its_row(width: int) -> None:
-    long = "sella-99-percent-of-all-shots-for-the-file"
-    checks = [
-        check("pass", requirement=name, target="Clivus, lowest point", value=0.51, interval=(0.504, 0.515),
-              limit=0.9)
-        for name in (long, "tip")
-    ]  # fmt: skip
-    with write_on(Page(width=width)):
-        lines = requirements_text(judged(*checks)).splitlines()
-    assert max(map(columns, lines)) <= width
-    if width != 80:  # there is room beside the numbers, or not even for these
-        assert lines[0].startswith("require-")
-        return
-    assert lines[0] == "requirement"
-    assert [lines.index(long) < lines.index("tip"), lines.index("tip") < len(lines) - 1] == [True, True]
-    assert lines[lines.index(long) + 1].startswith("  Clivus,")
-    assert lines[lines.index("tip") + 1].split()[-6:] == ["0.510", "0.504", "0.515", "0.900", "+0.385", "pass"]
-
-
 def test_ids_are_never_folded() -> None:
     ids = ["3fa85f6457174562b3fc2c963f66afa6", "2c963f66afa63fa85f6457174562b3fc"]
     lines = draw_table(
@@ -169,7 +149,7 @@ def requirements_text(verdict: Verdict) -> str:
     """What a terminal shows of the requirements."""
     table = requirements_table(verdict)
     assert table is not None
-    return write_table(table, above=True)
+    return write_table(table)
 
 
 def test_checks_show_value_interval_limit_and_status_and_a_yield_what_is_required() -> None:

@@ -101,7 +101,7 @@ def _list_designs(record: GateRecord) -> str:
         blocks.append(wrap(line, first="", indent="  ").replace(f": {design.verdict}", f": {verdict}", 1))
         if design.numbers:
             with write_on(replace(current(), width=current().width - 2)):
-                lines = write_table(numbers_table(choose_numbers(design)), above=True).splitlines()
+                lines = write_table(numbers_table(choose_numbers(design))).splitlines()
             blocks.append("\n".join(f"  {line}".rstrip() for line in lines))
     return "\n".join(blocks)
 

@@ -25,7 +25,7 @@ def document_text(document: Document) -> str:
     parts = (
         named if made is None else _write_heading(made, document.question, document.method),
         "\n".join(map(wrap, document.opening)),
-        "" if document.requirements is None else _write_rows(document.requirements, above=True),
+        "" if document.requirements is None else _write_rows(document.requirements),
         *(_write_block(block, document.captions) for section in shown.sections for block in section.blocks),
         "" if made is None else _write_provenance(made),
         findings_text([finding for finding in document.findings if details or finding.rule not in STATED]),
@@ -102,9 +102,9 @@ def _write_block(block: Block, captions: bool) -> str:
     return "" if write is None else write(block)
 
 
-def _write_rows(table: Table, *, above: bool = False) -> str:
+def _write_rows(table: Table) -> str:
     """The table, its failures in their colour."""
-    lines = write_table(table, above=above).split("\n")
+    lines = write_table(table).split("\n")
     return "\n".join(paint(line, "fail") if line.endswith("  fail") else line for line in lines)
 
 

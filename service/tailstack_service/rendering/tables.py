@@ -6,11 +6,10 @@ import csv
 import io
 import unicodedata
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 from tailstack.results.tables import Column, On, Table, write_cell
 
-from .page import NARROWEST, WIDEST_PROSE, current, write_on
+from .page import NARROWEST, WIDEST_PROSE, current
 
 
 def spell_count(count: int, what: str) -> str:
@@ -85,7 +84,7 @@ LONGEST_WORDS = (24, 12, 8)  # columns; longer words may be broken where the tab
 
 def draw_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, names: Sequence[int] = (),
-    whole: Sequence[int] = (), above: bool = False,
+    whole: Sequence[int] = (),
 ) -> str:  # fmt: skip
     """A table that fits the page; the first ``left`` columns are texts, the others numbers.
 
@@ -93,13 +92,9 @@ def draw_table(
     are there to be copied.  A header may hold one line break: its second line is the unit.
 
     Where it is wider than the page its texts are folded, nothing is cut; where that is not enough its columns are
-    shared out over several tables below one another, each with the first ``left`` columns.  above: where a cell of the
-    first column would take more than two lines, those cells stand on lines of their own, each above its row.
+    shared out over several tables below one another, each with the first ``left`` columns.
     """
     widths = _fit(header, rows, [k for k in (*range(left), *names) if k not in whole])
-    tall = above and any(len(fold(row[0], widths[0])) > 2 for row in rows)
-    if tall and (drawn := _draw_above(header, rows, left)):
-        return drawn
     lengths = [widths[k] for k in range(left, len(header))]
     if sum(widths) + 2 * (len(widths) - 1) <= _page_width() or len(lengths) < 2:
         return _draw(header, rows, widths, left, names, whole)
@@ -120,11 +115,8 @@ def draw_table(
     )
 
 
-def write_table(table: Table, *, above: bool = False) -> str:
-    """What a terminal shows of a table: its columns for this page, those of texts before the first number as names.
-
-    above: see :func:`draw_table`.
-    """
+def write_table(table: Table) -> str:
+    """What a terminal shows of a table: its columns for this page, those of texts before the first number as names."""
     here = table.on(On.DETAIL if current().details else On.PLAIN)
     texts = [k for k, column in enumerate(here.columns) if column.kind == "text"]
     left = next((k for k in range(len(here.columns)) if k not in texts), len(here.columns))
@@ -136,7 +128,7 @@ def write_table(table: Table, *, above: bool = False) -> str:
         for row in here.rows
     ]
     header = [column.brief or _head_of(column) for column in here.columns]
-    return draw_table(header, rows, left=left, names=[k for k in texts if k >= left], above=above)
+    return draw_table(header, rows, left=left, names=[k for k in texts if k >= left])
 
 
 def _head_of(column: Column) -> str:
@@ -181,20 +173,6 @@ def _draw(
     return "\n".join(
         "  ".join(_pad(cell, widths[k], k < left or k in names) for k, cell in enumerate(row)).rstrip() for row in lines
     )
-
-
-def _draw_above(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
-    """A table whose first cells stand on lines of their own, each above the rest of its row; "" if that is too wide."""
-    with write_on(replace(current(), width=_page_width() - 2)):
-        widths = _fit(header[1:], [row[1:] for row in rows], range(left - 1))
-        if sum(widths) + 2 * (len(widths) - 1) > _page_width():
-            return ""
-        drawn = [_draw(header[1:], [row[1:]], widths, left - 1, (), ()).split("\n") for row in rows]
-    height = max(head.count("\n") for head in header[1:]) + 2  # of the header and the line below it
-    lines = [header[0].replace("-\n", "").replace("\n", " "), *(f"  {line}" for line in drawn[0][:height])]
-    for row, text in zip(rows, drawn, strict=True):
-        lines += [*fold(row[0], _page_width(), HANGING), *(f"  {line}" for line in text[height:])]
-    return "\n".join(lines)
 
 
 def wrap(text: str, *, indent: str = "", first: str | None = None, width: int | None = None) -> str:
