@@ -282,11 +282,15 @@ def bound_without_bias(law: Law) -> float:
 @pytest.mark.parametrize("size", [0.5, 1.0, 3.0])
 def test_a_bias_that_no_layout_moves_is_kept(law: Law, size: float) -> None:
     """closed_form: under normal laws at the same level, otherwise at P94.87, where that is more than what images add
-    beyond L; never above what layouts have."""
+    beyond L (all but the smallest here), and elsewhere nothing is changed by it; never above what layouts have."""
     biased = on_a_seat(law, 0.1 * size)
     bound = bound_of(biased)
-    assert bound.value_mm > bound_without_bias(law)
     assert ("P94.87" in bound.bias_in_words) == (law is Law.UNIFORM and size > 0.5)
+    assert ("without" in bound.bias_in_words) == (size == 0.5)
+    if size == 0.5:
+        assert bound.value_mm == pytest.approx(bound_without_bias(law), rel=1e-3)
+    else:
+        assert bound.value_mm > bound_without_bias(law)
     each = layouts(biased, np.random.default_rng(3), 10)
     assert all(bound.value_mm <= quantile_at(biased, layout) for layout in each)
 
@@ -334,7 +338,7 @@ def test_what_a_cell_can_tell_is_enclosed(estimator: Estimator) -> None:
                 total[k] += ((information.whiten[0, v] @ moved) ** 2).sum()
         found = np.maximum(found, total)
     assert (found <= bound * (1 + 1e-6)).all()
-    assert (bound <= 1.3 * found).all()
+    assert (bound <= 1.1 * found).all()
 
 
 def replace_number(cells: Cells, number: int) -> Cells:
@@ -428,13 +432,14 @@ def test_a_second_solver_finds_the_same_mean_square() -> None:
     aims = scale[:, :3] @ root
     least = cp.matrix_frac(aims, scale @ base @ scale + told)
     best = cp.Problem(cp.Minimize(least), [cp.sum(weights) <= 6, weights <= 1]).solve(solver=cp.CLARABEL)
-    points = (replace_half(cells, 0.0),)  # cells of no size: only the choice of unknowns is judged
+    points = (shrunk_outwards(cells),)  # only the choice of unknowns is judged
     assert 0.98 * best <= least_mean_square(information, points, weight) <= best * (1 + 1e-6)
     assert least_mean_square(information, (cells,), weight) < best
 
 
-def replace_half(cells: Cells, factor: float) -> Cells:
-    return cells._replace(half=cells.half * factor)
+def shrunk_outwards(cells: Cells) -> Cells:
+    """Of no size, at the corners that their slopes are those of."""
+    return cells._replace(centres=cells.centres + cells.half * np.sign(cells.centres), half=cells.half * 0.0)
 
 
 @pytest.mark.parametrize("estimator", [Estimator.DLT, Estimator.POSE])

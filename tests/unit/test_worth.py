@@ -9,10 +9,10 @@ import yaml
 
 from plain_data import EXAMPLES
 from tailstack import load_design
-from tailstack.optimisation.global_bound import cells_of, information_of, target_information
+from tailstack.optimisation.global_bound import cells_of, information_of, mix_layouts, target_information
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.terms import every_terms
-from tailstack.optimisation.worth import mix_layouts, worthy_places
+from tailstack.optimisation.worth import worthy_places
 
 
 @pytest.mark.parametrize("spacing_mm", [0.0, 40.0])
@@ -26,7 +26,7 @@ def test_the_best_mixture_is_that_of_a_second_solver(spacing_mm: float) -> None:
     (cells,) = (cells_of(information, beads) for beads in information.beads)
     kept = np.linspace(0, len(cells.centres) - 1, 60).astype(int)
     cells = cells._replace(centres=cells.centres[kept], slopes=cells.slopes[kept])
-    (weights,) = mix_layouts(information, [cells], term.to_error.T)
+    _, (weights,) = mix_layouts(information, [cells], term.to_error.T)
     base, aim = target_information(information), np.vstack([term.to_error.T, np.zeros((information.unknowns - 3, 3))])
     # in unknowns in which fiducials everywhere know the unit matrix, which a solver takes more easily
     root = np.linalg.inv(np.linalg.cholesky(base + cells.evenly))

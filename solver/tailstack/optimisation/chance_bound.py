@@ -7,8 +7,8 @@ cumulants of such laws are at most 0, so ``t = Y' W Y`` then has ``E t = m`` and
 
     g(y) <= a - b t + c t^2 at every y, with c >= 0:    P(|X + Y| <= r) <= a - b m + 3 c m^2.
 
-*At every y.*  log g lies below its tangents.  Of u with ``u' u = t``, one for each triangle of a net of directions at
-each radius bounds g there by ``exp(alpha - s |u|)``, which is convex in t: between two radii it is below its chord.
+*At every y.*  log g lies below its tangents.  Of u with ``u' u = t``, one at each direction of a net and each radius
+bounds g about there by ``exp(alpha - s |u|)``, which is convex in t: between two radii it is below its chord.
 a, b and c are the best for these chords (a linear programme), raised by what they lack.
 """
 
@@ -28,10 +28,10 @@ from ..tail.lattice import Accuracy, balls, build, on_principal_axes, sines, sum
 
 ACCURACY = Accuracy(5e-9, 1e-8, 6e4)
 ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of it, as slopes are off by as much
-FIRST, LAST, RATIO = 1e-2, 4.0, 1.6  # t at the first radius by m, and at the last; from one to the next
+FIRST, LAST, RATIO = 1e-2, 4.0, 1.4  # t at the first radius by m, and at the last; from one to the next
 FAR, AWAY, LEAST = 10.0, 0.6, 0.02  # t by m, distance from 0 by the quantile, and g, up to where tangents touch
-TRIED = (1.0, 0.98, 0.96, 0.94, 0.92, 0.9, 0.87, 0.84, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4, 0.3)  # of what m adds to a slope
-MANY = 3_000  # terms: from so many on every second level is tried, from twice as many every third, so work is bounded
+TRIED, SURE = 8, 0.99  # radii, and how much of the way to where two others promise p
+ENOUGH = 0.01  # of what m takes from the chance, by which it may be less than p
 LARGEST, MOST = 0.25, 2.0  # m, beyond which more proves no more; radius by the least quantile
 
 
@@ -54,56 +54,90 @@ def raise_quantile(
     m = min(whole, LARGEST)
     below = least_mm * (1 - 1e-3)
     steep = (here.sum() - (lattice.w * balls(below, lattice.t)).sum()) / (least_mm - below)
-    tried = [r for r in (least_mm + m / steep * np.array(TRIED)).tolist() if r < MOST * least_mm]
+    most_mm = float(min(least_mm + m / steep, MOST * least_mm))
     unit = np.linalg.inv(np.linalg.cholesky(weight)).T  # y of u
     away_mm = min(AWAY * least_mm, np.sqrt(FAR * m * np.linalg.eigvalsh(unit @ unit.T)[2]))
-    if not tried or not (lattice := build(tried[0], frame._replace(away=np.full(3, away_mm)), ACCURACY, True)).volume:
+    if not (lattice := build(most_mm, frame._replace(away=np.full(3, away_mm)), ACCURACY, True)).volume:
         return least_mm
-    tried = tried[:: 1 + len(lattice.k) // MANY]
     error = ERROR + SLOPES * lattice.decade
-    terms = np.stack([lattice.w * balls(r, lattice.t) for r in tried])
     t = FIRST * m * RATIO ** np.arange(np.ceil(np.log(LAST / (FIRST * m)) / np.log(RATIO)) + 1)
-    corners = np.concatenate([net[0], -net[0]])[net[1]]
-    pieces = list(_chords(lattice.k, terms, unit, corners, np.sqrt(t), away_mm, error))
-    low, high = (np.array(each) for each in zip(*pieces, strict=True))
-    centre = terms.sum(axis=1) + error
-    return next((r for k, r in enumerate(tried) if _most_within(m, t, centre[k], low[:, k], high[:, k]) <= p), least_mm)
+    kites = _kites(*net)
+
+    def alone(r: float) -> float:
+        return float((lattice.w * balls(r, lattice.t)).sum()) + error
+
+    def together(r: float) -> float:
+        terms = lattice.w * balls(r, lattice.t)
+        pieces = list(_chords(lattice.k, terms, unit, net[0], kites, np.sqrt(t), away_mm, error))
+        low, high = (np.array(each) for each in zip(*pieces, strict=True))
+        return _most_within(m, t, alone(r), low, high)
+
+    over_mm, over = most_mm, together(most_mm)
+    if over <= p:
+        return most_mm
+    found_mm, found = least_mm, alone(least_mm) - (alone(most_mm) - over)  # m takes nearly the same at a smaller radius
+    for _ in range(TRIED):
+        if found >= p:
+            break
+        r = found_mm + SURE * (over_mm - found_mm) * (p - found) / (over - found)
+        if (chance := together(r)) > p:
+            over_mm, over, found = r, chance, (found + p) / 2  # so the next is nearer to the other (Illinois)
+            continue
+        found_mm, found = r, chance
+        if p - found <= ENOUGH * (alone(r) - found):
+            break
+    return found_mm
+
+
+def _kites(directions: Array, faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """(Q,) which of directions (n, 3) is at one corner, and all corners (Q, 4, 3), of the thirds of the faces (F, 3)
+    about each of theirs, or of their opposites."""
+    corners = np.concatenate([directions, -directions])[faces]
+    edges, middle = corners + np.roll(corners, -1, axis=1), corners.sum(axis=1, keepdims=True)
+    kites = np.stack([corners, edges, np.roll(edges, 1, axis=1), np.broadcast_to(middle, corners.shape)], axis=2)
+    kites *= np.where(faces < len(directions), 1.0, -1.0)[:, :, None, None]
+    kites /= np.linalg.norm(kites, axis=3, keepdims=True)
+    return (faces % len(directions)).ravel(), kites.reshape(-1, 4, 3)
 
 
 def _chords(
-    k: Array, terms: Array, unit: Array, corners: Array, radii: Array, away_mm: float, error: float
-) -> Iterator[tuple[Array, Array]]:
-    """(R,) twice, between each two radii of u: the ends of a chord, over the square of the radius, above g.
+    k: Array,
+    terms: Array,
+    unit: Array,
+    directions: Array,
+    kites: tuple[NDArray[np.int64], Array],
+    radii: Array,
+    away_mm: float,
+    error: float,
+) -> Iterator[tuple[float, float]]:
+    """Between each two radii of u the ends of a chord, over the square of the radius, above g.
 
-    terms (R, n) of wave vectors k (n, 3); unit (3, 3): y of u; corners (T, 3, 3) of the triangles of directions.
+    terms (n,) of wave vectors k (n, 3); unit (3, 3): y of u; directions (D, 3) and kites: of :func:`_kites`.
     """
-    middles = corners.sum(axis=1)
-    middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+    owner, corners = kites
     waves = np.ascontiguousarray((k @ unit).T)
-    alpha = np.repeat(np.log(terms.sum(axis=1) + error)[:, None], len(corners), axis=1)
-    rate = np.zeros_like(alpha)
+    alpha, rate = np.full(len(owner), np.log(terms.sum() + error)), np.zeros(len(owner))
+    near = np.linalg.norm(directions @ unit.T, axis=1)
     for begin, end in pairwise(radii):
         at = (begin + end) / 2
-        near = np.linalg.norm(at * middles @ unit.T, axis=1) <= away_mm
-        if near.any():
-            told = sum_waves(waves, terms, at * middles[near])
-            value = told[:, :, 0] + error
-            slope = told[:, :, 1:] / np.maximum(value, LEAST)[:, :, None]
-            falls = -np.einsum("rta,tva->rtv", slope, corners[near]).max(axis=2)
-            good = (value > LEAST) & (falls > 0)  # elsewhere the tangent before holds as well
-            touched = np.log(np.maximum(value, LEAST)) - at * np.einsum("rta,ta->rt", slope, middles[near])
-            alpha[:, near], rate[:, near] = (
-                np.where(good, new, old[:, near]) for new, old in ((touched, alpha), (falls, rate))
-            )
-        yield np.exp(alpha - rate * begin).max(axis=1), np.exp(alpha - rate * end).max(axis=1)
+        told = np.zeros((len(directions), 4))
+        if (touched := at * near <= away_mm).any():
+            told[touched] = sum_waves(waves, terms, at * directions[touched])
+        value = np.maximum(told[:, 0] + error, LEAST)
+        slope = told[:, 1:] / value[:, None]
+        falls = -np.einsum("qa,qva->qv", slope[owner], corners).max(axis=1)
+        good = (value[owner] > LEAST) & (falls > 0)  # elsewhere the tangent before holds as well
+        offset = np.log(value) - at * (slope * directions).sum(axis=1)
+        alpha, rate = np.where(good, offset[owner], alpha), np.where(good, falls, rate)
+        yield float(np.exp(alpha - rate * begin).max()), float(np.exp(alpha - rate * end).max())
 
 
 @kernel(nogil=True)
 def sum_waves(waves: Array, terms: Array, points: Array) -> Array:
-    """(R, P, 4): at each of P points (P, 3) the sums of terms (R, n) times the cosines of ``wave . point``, waves
-    (3, n), and the slopes of these sums by the point."""
-    rows, count = terms.shape
-    found, seen = np.empty((rows, len(points), 4)), np.empty((4, count))
+    """(P, 4): at each of P points (P, 3) the sum of terms (n,) times the cosines of ``wave . point``, waves (3, n), and
+    the slopes of this sum by the point."""
+    count = len(terms)
+    found, seen = np.empty((len(points), 4)), np.empty((4, count))
     phase, sine = np.empty(count), np.empty(count)
     for j in range(len(points)):
         for i in range(count):
@@ -112,9 +146,8 @@ def sum_waves(waves: Array, terms: Array, points: Array) -> Array:
         for a in range(3):
             for i in range(count):
                 seen[a + 1, i] = -waves[a, i] * sine[i]
-        for r in range(rows):
-            for a in range(4):
-                found[r, j, a] = sum_of_products(terms[r], seen[a])
+        for a in range(4):
+            found[j, a] = sum_of_products(terms, seen[a])
     return found
 
 

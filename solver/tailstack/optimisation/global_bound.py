@@ -54,11 +54,13 @@ from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains
 from .surface import NearSurface
 from .terms import DemandTerms
 
-FREQUENCY = 5  # of the net of directions: 4 n^2 + 2 of them, half of them opposite
+FREQUENCY = 6  # of the net of directions: 4 n^2 + 2 of them, half of them opposite
 NARROWER = 0.99  # of the spacing: how wide a cell is from corner to corner
 MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes there: beyond, cells are wider
 WITHOUT_SPACING = 12  # cells along an axis where beads are not kept apart
+EIGHT = np.array(list(product((-1.0, 1.0), repeat=3)))  # (8, 3) corners of a cell, and centres of its parts
 ROUNDS, UPDATES = 14, 6  # layouts added to the weights of each direction; updates of these weights after each
+MIXED, IMPROVED = 40, 8  # the same of one mixture for all directions
 MEAN_ERROR = 1e-6  # relative, of a mean over a law
 WEIGHED = 100  # updates of the weights of candidates
 SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
@@ -479,7 +481,7 @@ class Cells(NamedTuple):
     half: Array  # (3,) of a cell
     reach: Array  # (3,) of the box
     apart: bool  # whether at most one bead is in a cell
-    slopes: Array  # (n, R, D) of all copies, whitened by what moves the point too
+    slopes: Array  # (n, R, D) of all copies, whitened by what moves the point too, at the corners furthest out
 
     @property
     def evenly(self) -> Array:
@@ -487,12 +489,13 @@ class Cells(NamedTuple):
         rows = self.slopes.reshape(-1, self.slopes.shape[2])
         return np.asarray(self.beads.number / len(self.slopes) * (rows.T @ rows))
 
+    def fullest(self, values: Array) -> NDArray[np.int64]:
+        """(kept, K) the cells with the largest of values (n, K), where beads know most."""
+        return np.argpartition(values, -self.kept, axis=0)[-self.kept :]
+
     def most(self, values: Array) -> Array:
         """(K,): the largest sum over the beads of values (n, K) of the cells that they are in."""
-        if not self.apart:
-            return np.asarray(self.beads.number * values.max(axis=0))
-        rest = len(values) - self.kept
-        return np.asarray(np.partition(values, rest, axis=0)[rest:].sum(axis=0))
+        return np.asarray(self.in_each * np.take_along_axis(values, self.fullest(values), axis=0).sum(axis=0))
 
     @property
     def kept(self) -> int:
@@ -520,9 +523,9 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     half = reach / counts
     centres = (_keep_centres if isinstance(beads.region, NearSurface) else _centres_in)(beads.region, *counts.tolist())
     places = tuple(copy @ rigid_transform(np.eye(3), middle) for copy in beads.copies)
-    slopes = []
+    slopes, outermost = [], centres + half * np.sign(centres)  # where most cells have their most
     for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
-        own = slopes_at(information, 0, place, sees, centres)
+        own = slopes_at(information, 0, place, sees, outermost)
         by_made = own.moved @ made
         root = np.linalg.cholesky(np.eye(by_made.shape[1]) + by_made @ np.swapaxes(by_made, 1, 2))
         slopes.append(np.linalg.solve(root, own.unknowns))
@@ -567,23 +570,34 @@ def most_known(information: Information, cells: tuple[Cells, ...], z: Array, tog
     total = known_from_target(information, z)
     total = total.sum(keepdims=True) if together else total
     for each in cells:
-        corners = np.zeros((len(each.centres), len(z), 8))
-        for place, sees, made in zip(each.places, each.beads.sees, each.beads.made_mm, strict=True):
-            forms = forms_of(information, 0, place, sees, z)
-            displaced = np.zeros((len(each.centres), len(z), 3))
-            if made.any():
-                # f' (1 + D D')^-1 f is the least of |f - D u|^2 + |u|^2: any u will do, and the best at the centre
-                own = slopes_at(information, 0, place, sees, each.centres)
-                by_made = own.moved @ made
-                seen = own.unknowns @ z.T
-                inner = np.eye(3) + np.swapaxes(by_made, 1, 2) @ by_made
-                units = np.swapaxes(np.linalg.solve(inner, np.swapaxes(by_made, 1, 2) @ seen), 1, 2)
-                displaced = units @ made.T
-                corners += (units**2).sum(axis=2)[:, :, None]
-            corners += at_corners(forms, each.centres, each.half, each.reach, displaced)
-        corners = corners.sum(axis=1, keepdims=True) if together else corners
-        total = total + each.most(corners.max(axis=2))
+        values, halved = _most_in(information, each, z, together, each.centres, each.half), np.zeros(0, dtype=np.int64)
+        while (top := np.setdiff1d(each.fullest(values), halved)).size:
+            parts = (each.centres[top][:, None] + each.half / 2 * EIGHT).reshape(-1, 3)
+            within = _most_in(information, each, z, together, parts, each.half / 2 * (1 + 1e-12))
+            values[top] = np.minimum(values[top], within.reshape(len(top), 8, -1).max(axis=1))
+            halved = np.append(halved, top)
+        total = total + each.most(values)
     return np.asarray(total * (1 + 1e-12))
+
+
+def _most_in(information: Information, cells: Cells, z: Array, together: bool, centres: Array, half: Array) -> Array:
+    """(n, K) at most what a bead tells along z anywhere in parts about centres (n, 3) with half their extents (3,);
+    (n, 1) along all of them ``together``."""
+    corners = np.zeros((len(centres), len(z), 8))
+    for place, sees, made in zip(cells.places, cells.beads.sees, cells.beads.made_mm, strict=True):
+        forms = forms_of(information, 0, place, sees, z)
+        displaced = np.zeros((len(centres), len(z), 3))
+        if made.any():
+            # f' (1 + D D')^-1 f is the least of |f - D u|^2 + |u|^2: any u will do, and the best at the centre
+            own = slopes_at(information, 0, place, sees, centres)
+            by_made = own.moved @ made
+            seen = own.unknowns @ z.T
+            inner = np.eye(3) + np.swapaxes(by_made, 1, 2) @ by_made
+            units = np.swapaxes(np.linalg.solve(inner, np.swapaxes(by_made, 1, 2) @ seen), 1, 2)
+            displaced = units @ made.T
+            corners += (units**2).sum(axis=2)[:, :, None]
+        corners += at_corners(forms, centres, half, cells.reach, displaced)
+    return np.asarray((corners.sum(axis=1, keepdims=True) if together else corners).max(axis=2))
 
 
 def known_from_target(information: Information, z: Array) -> Array:
@@ -615,10 +629,9 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
         known = np.einsum("kd,de,ke->k", z, base, z)
         added = np.broadcast_to(base, (count, size, size)).copy()
         for own in cells:
-            told = np.ascontiguousarray(((own.slopes @ z.T) ** 2).sum(axis=1).T)
-            picked = np.argpartition(told, -own.kept, axis=1)[:, -own.kept :]
-            known = known + own.in_each * np.take_along_axis(told, picked, axis=1).sum(axis=1)
-            rows = own.slopes[picked].reshape(count, -1, size)
+            told = ((own.slopes @ z.T) ** 2).sum(axis=1)
+            known = known + own.most(told)
+            rows = own.slopes[own.fullest(told).T].reshape(count, -1, size)
             added += np.swapaxes(rows, 1, 2) @ rows * own.in_each
         better = known < least
         best[better], least[better] = z[better], known[better]
@@ -635,30 +648,45 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
     along all z_k together (Cauchy and Schwarz).  Those of a mixture of layouts for which it is nearly least are taken.
     """
     sizes, axes = np.linalg.eigh(weight)
-    aims = np.zeros((information.unknowns, 3))
-    aims[:3] = axes * np.sqrt(np.maximum(sizes, 0.0))
-    base = target_information(information)
-    layouts: Array = (base + sum(each.evenly for each in cells))[None]
-    weights: Array = np.ones(1)
-    best: Array = aims.T
-    most = 0.0
-    for _ in range(2 * ROUNDS):
-        for _ in range(UPDATES if len(layouts) > 1 else 1):
-            z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
-            each = layouts.reshape(len(layouts), -1) @ (z.T @ z).ravel()
-            weights = weights * each / (weights @ each)
-        z = np.linalg.solve(np.tensordot(weights, layouts, 1), aims).T
-        added, known = base.copy(), float((z @ base * z).sum())
-        for own in cells:
-            told = ((own.slopes @ z.T) ** 2).sum(axis=(1, 2))
-            known += float(own.most(told[:, None])[0])
-            rows = own.slopes[np.argpartition(told, -own.kept)[-own.kept :]].reshape(-1, len(base))
-            added += rows.T @ rows * own.in_each
-        if (value := float((aims.T * z).sum()) ** 2 / known) > most:
-            best, most = np.asarray(z, dtype=float), value
-        share = 1 / (len(layouts) + 1)
-        layouts, weights = np.concatenate([layouts, added[None]]), np.append(weights * (1 - share), share)
-    return float((aims.T * best).sum() ** 2 / most_known(information, cells, best, together=True)[0]) * INSIDE
+    aims = axes * np.sqrt(np.maximum(sizes, 0.0))
+    z, _ = mix_layouts(information, cells, aims)
+    return float((aims.T * z[:, :3]).sum() ** 2 / most_known(information, cells, z, together=True)[0]) * INSIDE
+
+
+def mix_layouts(information: Information, cells: Sequence[Cells], aims: Array) -> tuple[Array, list[Array]]:
+    """Of the mixture of layouts with nearly the least mean square along aims (3, A), a column for each: z (A, D), for
+    which no layout is far below, and (n,) of each group of cells how many fiducials it has there.
+
+    With weights w of the cells in the place of fiducials, ``F = F0 + sum of w J' R^-1 J``, that mean square is convex
+    in w: the best weights are the best of all.  They are those of layouts, each the best where the mixture of those
+    before knows least, whose shares are then improved (Titterington 1978).
+    """
+    base, size = target_information(information), information.unknowns
+    seen = np.vstack([aims, np.zeros((size - 3, aims.shape[1]))])
+    held = [[np.full(len(group.centres), group.beads.number / len(group.centres)) for group in cells]]
+    known: Array = (base + sum(group.evenly for group in cells))[None]
+    shares: Array = np.ones(1)
+    best, most = seen, 0.0
+    for _ in range(MIXED):
+        for _ in range(IMPROVED):
+            z = np.linalg.solve(np.tensordot(shares, known, 1), seen)
+            told = known.reshape(len(known), -1) @ (z @ z.T).ravel()
+            shares = shares * told / (shares @ told)
+        z = np.linalg.solve(np.tensordot(shares, known, 1), seen)
+        layout, added, total = [], base.copy(), float((z * (base @ z)).sum())
+        for group in cells:
+            values = ((group.slopes @ z) ** 2).sum(axis=(1, 2))
+            top = group.fullest(values)
+            rows = group.slopes[top].reshape(-1, size)
+            added += group.in_each * (rows.T @ rows)
+            total += group.in_each * float(values[top].sum())
+            layout.append(group.in_each * np.bincount(top, minlength=len(values)).astype(float))
+        if (value := float((seen * z).sum()) ** 2 / total) > most:
+            best, most = z, value
+        held.append(layout)
+        known = np.concatenate([known, added[None]])
+        shares = np.append(shares * (1 - 1 / len(known)), 1 / len(known))
+    return np.asarray(best.T), [shares @ np.array(own) for own in zip(*held, strict=True)]
 
 
 def weigh_candidates(problem: PlacementProblem, term: DemandTerms, pools: Sequence[Array]) -> list[Array]:
@@ -780,27 +808,17 @@ def fit_below(net: Net, weight: Array) -> Array:
     x = np.einsum("kab,ab->k", basis, np.eye(3) / 2) / np.einsum("kab,kab->k", basis, basis)
     barrier = 1.0
 
-    def value(at: Array) -> float:
-        room, matrix = 1 - felt @ at, np.einsum("k,kab->ab", at, basis)
-        sizes = np.linalg.eigvalsh(matrix)
-        if room.min() <= 0 or sizes[0] <= 0:
-            return np.inf
-        return float(-aim @ at / barrier - np.log(room).sum() - np.log(sizes).sum())
-
     while barrier > LAST_BARRIER:
-        for _ in range(20):
+        for _ in range(60):
             room = 1 - felt @ x
             inverse = np.linalg.inv(np.einsum("k,kab->ab", x, basis))
             turned = np.einsum("ab,kbc->kac", inverse, basis)
             gradient = -aim / barrier + (felt / room[:, None]).sum(axis=0) - np.trace(turned, axis1=1, axis2=2)
             hessian = (felt / room[:, None]).T @ (felt / room[:, None]) + np.einsum("kab,lba->kl", turned, turned)
             step = np.linalg.solve(hessian, gradient)
-            if gradient @ step < 1e-9:
+            if (falls := float(gradient @ step)) < 1e-9:
                 break
-            length, here = 1.0, value(x)
-            while not value(x - length * step) <= here - length * gradient @ step / 4 and length > 1e-12:
-                length /= 2
-            x = x - length * step
+            x = x - step / (1 + sqrt(falls))  # this far such a barrier lets one go (Nesterov and Nemirovskii 1994)
         barrier /= 5
     found = root @ np.einsum("k,kab->ab", x, basis) @ root.T / scale
     found = (found + found.T) / 2
