@@ -63,7 +63,7 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
     elif not (problem.half_widths or problem.pivots):
         hint = "add a box or rotation_bounds"
         problems.append(Problem("/optimise", "nothing-free", "no fiducial, tolerance or pivot is free to change", hint))
-    problems += [*_fixed_pairs(problem), *_ends(problem)]
+    problems += [*islice(_fixed_pairs(problem), 5), *_ends(problem)]
     if problems:
         raise DesignError(problems)
 
@@ -194,14 +194,10 @@ def _scaling(problem: PlacementProblem) -> Iterator[Problem]:
     )
 
 
-def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
+def _fixed_pairs(problem: PlacementProblem) -> Iterator[Problem]:
     """Fiducials that stay must keep the spacing among themselves."""
-    free = set(problem.free_fiducials)
-    if not free or problem.min_spacing_mm <= 0:
-        return []
-    points, labels = problem.system.fiducials_mm, problem.system.fiducial_labels
-    problems = []
-    for i, j in combinations([k for k in range(len(labels)) if k not in free], 2):
+    free, points, labels = problem.free_fiducials, problem.system.fiducials_mm, problem.system.fiducial_labels
+    for i, j in combinations([k for k in range(len(labels)) if free and k not in free], 2):
         apart = float(np.linalg.norm(points[i] - points[j]))
         if apart < problem.min_spacing_mm - ROUNDING_MM:
             detail = (
@@ -209,8 +205,7 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
                 f"{problem.min_spacing_mm:g}"
             )
             hint = "free one of them, or reduce min_spacing_mm"
-            problems.append(Problem("/optimise/fixed", "spacing-of-fixed", detail, hint))
-    return problems[:5]
+            yield Problem("/optimise/fixed", "spacing-of-fixed", detail, hint)
 
 
 def refuse_regions(problem: PlacementProblem) -> Iterator[Problem]:

@@ -42,7 +42,7 @@ from .problem import (
 from .program import QUIET, ConstraintRow, Parameters, Point, Program
 from .shadow_prices import list_rules
 from .solver import make_solver
-from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, linearise_demand, scatter
+from .terms import blind_half_widths, every_terms, is_singular, linearise_demand, scatter
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -244,7 +244,9 @@ def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tup
         )
         for k in np.flatnonzero(blind)
     ]
-    for pivot, idle in zip(problem.pivots, _idle_pivots(problem, terms), strict=True):
+    affine = [part.by_pivot for term in terms for part in (term.gains, term.bias, term.reconstructed)]
+    for p, pivot in enumerate(problem.pivots):
+        idle = not any(slopes[3 * p : 3 * p + 3].any() for slopes in affine)
         acting = acting or not idle
         if idle:
             message = f"the pivot of {label_of(problem, pivot.contributor)} does not act on any limited error"
@@ -311,17 +313,6 @@ def refuse_incurable(problem: PlacementProblem) -> None:
         ]
         if left:
             raise IllPosedError(left) from None
-
-
-def _idle_pivots(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> list[bool]:
-    return [
-        not any(
-            part.by_pivot[3 * p : 3 * p + 3].any()
-            for term in terms
-            for part in (term.gains, term.bias, term.reconstructed)
-        )
-        for p in range(len(problem.pivots))
-    ]
 
 
 def _layouts(problem: PlacementProblem) -> list[Finding]:
