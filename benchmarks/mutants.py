@@ -26,10 +26,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-
-import tiers
-
 OPERATORS = {
     ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"),
     ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"),
@@ -99,7 +95,9 @@ def draw(count: int, seed: int) -> list[Mutant]:
 
 
 def noticed_by(room: Path, mutant: Mutant) -> str:
-    """The tier that notices, or nobody."""
+    """The tier that notices, or nobody; tests are those of the clone, whatever stands in this checkout meanwhile."""
+    from tiers import choose_tests
+
     file = room / mutant.file
     whole = file.read_text(encoding="utf-8")
     lines = whole.splitlines(keepends=True)
@@ -108,7 +106,7 @@ def noticed_by(room: Path, mutant: Mutant) -> str:
     file.write_text("".join(lines), encoding="utf-8")
     try:
         for tier, options, seconds in (("short", ["--short"], 240.0), ("long", ["-m", "long"], 600.0)):
-            tests, _ = tiers.choose_tests([mutant.file], seconds, seconds, long=tier == "long")
+            tests, _ = choose_tests([mutant.file], seconds, seconds, long=tier == "long")
             if not tests:
                 continue
             command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "--dist", "loadfile",
@@ -131,6 +129,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder) / "clone"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(room)], check=True)
+        sys.path.insert(0, str(room / "tests"))
         (room / ".venv").symlink_to(ROOT / ".venv")  # tests that call the clone's own ./run would make another
         counted = {"short": 0, "long": 0, "nobody": 0}
         for mutant in chosen:
