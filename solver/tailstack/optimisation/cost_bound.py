@@ -41,7 +41,7 @@ from ..design.loading import locate_refusals
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
 from ..results import GlobalBound, Relaxation
-from ..results.digits import at_most
+from ..results.digits import at_most, number
 from ..system import Law
 from ..tail.declared import evaluation_of
 from .global_bound import (
@@ -157,7 +157,7 @@ def bound_any_layout(
         return Relaxation("any layout", compared, None, None, statement)
     bound = float(at_most(least + besides, SAID))
     gap = None if compared is None else 100 * (compared / bound - 1)
-    own = "" if gap is None else f"; this one costs {cost:.5g} ({gap:.2g} % more)"
+    own = "" if gap is None else f"; this one costs {cost:.5g} ({number(gap, 2)} % more)"
     statement = f"To first order, {what} within their bounds, can cost less than {bound:g}{own}. Proven.{rest}"
     return Relaxation("any layout", compared, bound, gap, statement)
 

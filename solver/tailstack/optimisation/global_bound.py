@@ -42,7 +42,7 @@ from ..errors import IllPosedError
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import rigid_transform, skew
 from ..results import GlobalBound
-from ..results.digits import at_most
+from ..results.digits import at_most, number
 from ..system import Law, Place
 from ..tail.assembling import KIND
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
@@ -230,10 +230,11 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     names, least = left_out(problem, term, bound.counts_made), float(at_most(bound.value_mm, SAID))
     tightest = None if at_least is None else float(at_most(at_least.value_mm, SAID))
     gap = None if reached is None else 100 * (reached / least - 1)
-    own = "" if gap is None else f"; this one has {value:.4g} mm ({gap:.2g} % more)"
+    own = "" if gap is None else f"; this one has {value:.4g} mm ({number(gap, 2)} % more)"
     rest = f" Left out: {', '.join(names)}, which can only add." if names else ""
     if images is not None:
-        own += f"; the root mean square of what comes through its images is at most {images:.2g} % above the least"
+        above = number(images, 2)
+        own += f"; the root mean square of what comes through its images is at most {above} % above the least"
     if least > limit:
         smallest = "" if tightest is None else f" with every free half-width at its smallest ({tightest:g} mm)"
         if tightest is not None:
