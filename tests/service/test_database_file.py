@@ -520,7 +520,7 @@ def test_a_changed_result_is_refused_and_asked_for_again_it_is_computed_anew(
 
         for _ in range(2):  # and it stays so
             for address, headers in ((result, {}), (result, tag), (f"{result}/report", {}), (f"{job}/result", {})):
-                refused = client.get(address, headers=headers)
+                refused = client.get(address, headers=headers, follow_redirects=True)
                 assert refused.status_code == 503, (address, refused.text)
                 assert refused.json()["type"] == "/v1/problems/store-error"
                 assert "immutable" not in refused.headers.get("cache-control", "")
