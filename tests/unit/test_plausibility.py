@@ -22,7 +22,6 @@ EVERYDAY = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstac
 LOCATORS = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text())
 SEAT = ("interfaces", "structure_connector")
 RX = (*SEAT, "tolerances", "rx", "half_width_deg")
-TX = (*SEAT, "tolerances", "tx", "half_width_mm")
 
 
 def remarks(document, **options):

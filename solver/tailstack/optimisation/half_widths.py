@@ -46,7 +46,6 @@ AIM = 3e-6  # of a limit: how far below it the values are brought
 OPTIONS = {"ftol": 1e-9, "maxiter": 200}
 MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
 STAYS = 1e-2  # relative change of half-widths in a step, after which the slopes by them stay
-UNIT_STEP = 1e-2  # of the logarithm of a half-width, over which the jumps of a slope are evened out
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 
@@ -169,14 +168,10 @@ class _Held:
         return exact_quantile(self.model_at(half_width), self.demand).value_mm / self.demand.requirement.limit
 
     def slopes_at(self, half_width: Array, ratio: float) -> Array:
-        """(K,) of its logarithm by that of each half-width, where it is ``ratio`` of its limit: analytic; of a corridor
-        that is read of each unit by itself by differences, with the same units each time."""
+        """(K,) of its logarithm by that of each half-width, where it is ``ratio`` of its limit."""
         model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
         error = requirement.error
         worst = worst_case(model, error, requirement.quantile, value=value_of(requirement))
-        if self.demand.nested and len(worst.mean_mm) > 3:
-            wider = (half_width * np.exp(step) for step in UNIT_STEP * np.eye(len(half_width)))
-            return np.array([log(self.ratio_at(width) / ratio) for width in wider]) / UNIT_STEP
         found = law_slopes(model, self.demand, worst.mean_mm)
         for k, (b, j) in enumerate(self.places):
             block = model.blocks[b]
