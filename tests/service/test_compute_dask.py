@@ -18,6 +18,7 @@ from dask_cluster import Cluster
 from strange_units import begun, request
 
 from family import forked_of
+from plain_data import read_cases
 from tailstack import load_design, score_batch
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
@@ -231,15 +232,7 @@ def test_another_version_on_the_dask_workers_computes_nothing(
         engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LIMIT_SECONDS)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"dask_scheduler": "tcp://127.0.0.1:8786"}, "TAILSTACK_DASK_SCHEDULER must be tls://"),
-        ({"dask_scheduler": ""}, "TAILSTACK_DASK_SCHEDULER must be tls://"),
-        ({"dask_ca_file": "/nowhere/ca.pem"}, "TAILSTACK_DASK_CA_FILE must name a file; got '/nowhere/ca.pem'"),
-        ({"dask_key_file": ""}, "TAILSTACK_DASK_KEY_FILE must name a file"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), read_cases("settings", "dask"))
 def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str, tmp_path: Path) -> None:
     from tailstack_service.jobs.engines.engine import start_engine
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from service_scenes import EXAMPLES, check_problem
 
+from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
 
@@ -82,16 +83,7 @@ def test_balls_become_a_fiducial_file(tmp_path: Path, ending: str) -> None:
     assert load_design(again).fiducials.labels == tuple(f"BEAD{k}" for k in range(1, 9))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--sphere-diameter", "5"], "its balls: 8 of 3 mm"),
-        (["--sphere-diameter", "3,0"], "like 3±0.1"),
-        (["--frame", "carrier"], "did you mean Carrier?"),
-        (["--name", "bead*"], "called BEAD1, BEAD2"),
-        (["--seats", "REST*"], "3 seats and 0 pins"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), read_cases("commands", "converted"))
 def test_what_is_not_in_the_file_is_said_with_what_is(
     tmp_path: Path, refused: Any, arguments: list[str], words: str
 ) -> None:
@@ -169,14 +161,7 @@ def test_a_cage_without_its_unit_is_refused_with_the_option(tmp_path: Path, refu
     assert "convert --xmalab" in refused("convert", str(tmp_path / "cube.csv"), "-o", str(tmp_path / "cube.yaml"))
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("--references", "F1,F2,F3,F4", "-o", "beads.csv"),
-        ("--xmalab", "mm", "--references", "F1,F2,F3", "-o", "beads.csv"),
-        ("--xmalab", "mm", "-o", "beads.fcsv"),
-    ],
-)
+@pytest.mark.parametrize("arguments", read_cases("commands", "unwritten"))
 def test_nothing_is_written_of_a_wish_that_cannot_be_met(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
 ) -> None:

@@ -17,6 +17,7 @@ from served import Served
 from service_scenes import EXAMPLES, client_of, small_design
 
 from dicom_files import PATIENT, write_image
+from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack.design.cameras import find_detector
 from tailstack_service.cli.main import main
@@ -66,16 +67,7 @@ def test_a_base_keeps_what_headers_do_not_say(tmp_path: Path) -> None:
     assert load_design(target).document.views[1] == before.views[1]
 
 
-@pytest.mark.parametrize(
-    ("files", "target", "words"),
-    [
-        (["one.dcm"], "new.yaml", "has two at least"),
-        (["one.dcm", "one.dcm"], "new.csv", "images become a design"),
-        (["one.dcm", "demo.yaml"], "new.yaml", "demo.yaml.*DICM is not at byte 128"),
-        (["demo.yaml", "one.dcm"], "new.yaml", "one is converted at a time"),
-        (["one.dcm", "one.dcm", "--name", "BEAD*"], "new.yaml", "name is for STEP files"),
-    ],
-)
+@pytest.mark.parametrize(("files", "target", "words"), read_cases("commands", "dicom"))
 def test_what_the_command_refuses(
     tmp_path: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, files: list[str], target: str, words: str
 ) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES
 
+from plain_data import read_cases
 from waiting import LIMIT_SECONDS, until
 
 DOORS = EXAMPLES / "integrations"
@@ -157,20 +158,7 @@ def test_an_optimisation_that_becomes_a_job_is_waited_for(client: ModuleType) ->
     assert traffic.paths == ["/v1/optimisations", *["/v1/jobs/j1"] * 3, "/v1/jobs/j1/result"]
 
 
-@pytest.mark.parametrize(
-    ("answer", "words"),
-    [
-        (
-            (422, {"type": "/v1/problems/invalid-design", "detail": "x", "errors": [
-                {"pointer": "/design/views", "detail": "needs at least 2 entries", "hint": "add a view"}]}),
-            "/design/views: needs at least 2 entries (add a view)",
-        ),
-        ((401, {"type": "/v1/problems/unauthenticated", "detail": "a credential is needed", "errors": []}),
-         "a credential is needed"),
-        ((404, "<html>not here</html>"), "which is no answer of tailstack"),
-        ((200, "<html>a login page</html>"), "start it with: tailstack serve"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("answer", "words"), read_cases("clients", "refused"))
 def test_what_a_service_refuses_is_said_in_its_words(client: ModuleType, answer: Answer, words: str) -> None:
     with serving(lambda *_: answer, Traffic()) as address, pytest.raises(client.Refusal, match=re.escape(words)):
         client.Service(address).score({})

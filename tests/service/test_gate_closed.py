@@ -371,13 +371,7 @@ def judge_plainly(*arguments: str) -> int:
     return main(["gate", *arguments, "--policy", "policy.yaml", "--mode", "analytic"])
 
 
-@pytest.mark.parametrize(
-    ("formats", "told"),
-    [
-        ([], False), (["text"], False), (["github"], False), (["markdown"], False),
-        (["json=g.json"], True), (["json"], True), (["sarif"], True), (["text=g.txt", "junit=g.xml"], True),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("formats", "told"), read_cases("gate", "logged"))
 def test_the_reason_is_in_the_log_whatever_the_formats(
     folder: Path, capsys: pytest.CaptureFixture[str], formats: list[str], told: bool
 ) -> None:
@@ -432,14 +426,7 @@ def test_every_rule_has_a_page(rule: str, capsys: pytest.CaptureFixture[str]) ->
     assert head in (ROOT / "docs" / "rules.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--format", "xml"], "expected text, json, baseline, sarif, junit, github, gitlab, markdown"),
-        (["--max-regression", "-1"], "0 or more per cent"),
-        (["--explain", "p59"], "did you mean p95?"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), read_cases("gate", "options"))
 def test_what_is_no_option_is_refused_with_2(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:

@@ -16,6 +16,7 @@ from gate_scenes import DERIVED, FORMATS, GOLDEN, RULES, SCENES, golden, run, sa
 from jsonschema import Draft202012Validator
 from service_scenes import ROOT, limited, sound_design
 
+from plain_data import read_cases
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.gate_files import Anchors
 from tailstack_service.cli.main import main
@@ -213,16 +214,7 @@ def test_gitlab_has_no_fingerprint_twice_and_nothing_that_is_accepted() -> None:
     assert report[2]["location"] == {"path": HOSTILE.file, "lines": {"begin": 3}}
 
 
-@pytest.mark.parametrize(
-    ("changes", "level", "severity"),
-    [
-        ({}, "error", "critical"),
-        ({"severity": "warning"}, "error", "minor"),
-        ({"severity": "warning"}, "warning", "major"),
-        ({"severity": "note"}, "warning", "info"),
-        ({"rule": "not-evaluated"}, "error", "blocker"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "level", "severity"), read_cases("gate", "severities"))
 def test_gitlabs_words_of_severity(changes: dict[str, Any], level: Any, severity: str) -> None:
     report = json.loads(render_gitlab(with_findings(finding(**changes), fail_level=level)))
     assert [entry["severity"] for entry in report] == [severity]

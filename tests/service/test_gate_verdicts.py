@@ -12,6 +12,7 @@ import yaml
 from gate_scenes import TODAY, judge_files, of_rule, plain_record, policy
 from service_scenes import EXAMPLES, limited, small_design, sound_design
 
+from plain_data import read_cases
 from tailstack import load_design, score, verify
 from tailstack.design import design_to_data
 from tailstack.design.plausibility import PLAUSIBILITY
@@ -412,15 +413,7 @@ def test_regressions_beyond_what_is_allowed_fail() -> None:
     assert gate(limited(0.5 * P95), baseline=base, max_regression_percent=50.0).exit_code == 1, "limits stay absolute"
 
 
-@pytest.mark.parametrize(
-    ("factor", "mode", "basis"),
-    [
-        (3.0, "auto", "first order"),
-        (1.05, "auto", "Monte Carlo"),
-        (3.0, "verify", "Monte Carlo"),
-        (1.05, "analytic", "first order"),
-    ],
-)
+@pytest.mark.parametrize(("factor", "mode", "basis"), read_cases("gate", "drawn"))
 def test_monte_carlo_is_drawn_where_it_is_wanted(factor: float, mode: str, basis: str) -> None:
     assert gate(limited(factor * P95), mode=mode).designs[0].basis == basis
 
@@ -484,6 +477,7 @@ def test_auto_samples_what_first_order_was_not_calibrated_for() -> None:
         ({"designs": [{"file": "x"}]}, RequestError, "/designs/0"),
         ({"designs": [{"file": "x", "design": limited(1.0), "class": "none"}]}, RequestError, "/designs/0/class"),
         ({"designs": []}, RequestError, "/designs"),
+        ({"designs": [{"file": "x", "design": {"name": "x"}}]}, RefusedAt, "/designs/0/design"),
         ({"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 2}, RequestError, "/designs/1/file"),
     ],
 )  # fmt: skip

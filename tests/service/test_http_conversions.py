@@ -12,6 +12,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, check_problem, client_with, small_design
 
+from plain_data import read_cases
 from tailstack.design import load_design
 from tailstack.design.write import data_to_yaml
 from tailstack_service.schemas import json_schema
@@ -133,14 +134,7 @@ def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: http
     assert len(beads["content"].splitlines()) == 9
 
 
-@pytest.mark.parametrize(
-    ("name", "place", "cure"),
-    [
-        ("seat_from_cad", "interfaces/connector_flange/drawing", "tailstack convert"),
-        ("robot_arm", "execution/robot/urdf", "joints"),
-        ("hand_eye_poses", "execution/hand_eye/pose_pairs", "covariance_deg_mm"),
-    ],
-)
+@pytest.mark.parametrize(("name", "place", "cure"), read_cases("http", "named_files"))
 def test_files_that_a_design_names_come_with_it_and_are_read_from_no_disk(
     client: httpx.Client, name: str, place: str, cure: str
 ) -> None:

@@ -15,6 +15,7 @@ from service_scenes import check_problem, client_with, limited, small_design
 from starlette.requests import Request
 
 import tailstack
+from plain_data import read_cases
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
 from tailstack_service.console.remote import RemoteService, ServerSentEvent, read_events
@@ -120,14 +121,7 @@ def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
     assert client.get(response.headers["location"]).json()["result_sha256"] == sha256
 
 
-@pytest.mark.parametrize(
-    ("asked", "options"),
-    [
-        ("/v1/verifications?trials=3000&seed=5&method=plain", {"trials": 3000, "seed": 5, "method": "plain"}),
-        ("/v1/sweeps?set=views.AP.fiducial_noise_px=0.1,0.2,0.3",
-         {"axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.3]}]}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("asked", "options"), read_cases("http", "queries"))
 def test_a_design_as_yaml_with_options_in_the_query(client: httpx.Client, asked: str, options: dict[str, Any]) -> None:
     headers = {"Content-Type": "application/yaml", "Prefer": "wait=600"}
     response = client.post(asked, content=data_to_yaml(small_design()), headers=headers)
@@ -339,25 +333,13 @@ def test_an_empty_cursor_is_the_first_page(idle: httpx.Client) -> None:
     assert empty["next"] == first["next"]
 
 
-@pytest.mark.parametrize(
-    ("query", "pointer"),
-    [
-        ("limit=0", "/limit"), ("limit=201", "/limit"), ("limit=x", "/limit"), ("state=lost", "/state"),
-        ("kind=score", "/kind"), ("cursor=abc", "/cursor"), ("limit=1&limit=2", "/limit"), ("colour=red", "/colour"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("query", "pointer"), read_cases("http", "questions"))
 def test_bad_questions_about_jobs(idle: httpx.Client, query: str, pointer: str) -> None:
     document = check_problem(idle.get(f"/v1/jobs?{query}"), 422, "invalid-request")
     assert document["errors"][0]["pointer"] == pointer
 
 
-@pytest.mark.parametrize(
-    ("method", "path"),
-    [
-        ("GET", "/v1/jobs/{}"), ("GET", "/v1/jobs/{}/events"), ("POST", "/v1/jobs/{}/cancel"),
-        ("GET", "/v1/jobs/{}/result"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("method", "path"), read_cases("http", "of_a_job"))
 @pytest.mark.parametrize("name", [UNKNOWN, "x", "%00", "..%2f..", "é" * 30, UNKNOWN.upper()])
 def test_unknown_jobs_are_404(idle: httpx.Client, method: str, path: str, name: str) -> None:
     check_problem(idle.request(method, path.format(name)), 404, "not-found")

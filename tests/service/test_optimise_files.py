@@ -18,6 +18,7 @@ import yaml
 from optimisation_scenes import full_result
 from service_scenes import EXAMPLES
 
+from plain_data import read_cases
 from tailstack.design import Revision, design_to_data, load_design, revise_design
 from tailstack.optimisation import optimise
 from tailstack.results import Finding, Optimisation
@@ -189,14 +190,7 @@ def test_a_new_design_stands_alone_unless_asked_otherwise(call: Any, beside: tup
     assert "origin:" in new.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--fiducials-out", "beads.csv"], "--fiducials-out goes with -o"),
-        (["-o", "new.yaml", "--fiducials-out", "beads.txt"], "'beads.txt' is no file of fiducials"),
-        (["-o", "room/new.yaml", "--fiducials-out", "beads.csv"], "in or below its own folder"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "said"), read_cases("commands", "fiducials_out"))
 def test_fiducials_that_no_design_could_refer_to_are_refused(
     refused: Any, beside: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
 ) -> None:

@@ -97,14 +97,7 @@ def test_a_value_that_cannot_be_is_refused_with_its_name(value: str, environment
         load_settings()
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("serve", "--port", "0"), ("worker",), ("worker", "--check"), ("db", "check"), ("db", "migrate"),
-        ("keys", "list"), ("jobs", "list", "--url", "http://127.0.0.1:1"),
-    ],
-    ids=" ".join,
-)  # fmt: skip
+@pytest.mark.parametrize("command", read_cases("settings", "commands"), ids=" ".join)
 def test_commands_of_the_service_refuse_a_slip(
     command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ from postgres import Server
 from service_scenes import ROOT, commands
 from store_scenes import Clock, claim, claim_one, find, finish, record, specs, split, split_each, submit, url_of
 
+from plain_data import read_cases
 from tailstack.errors import Problem
 from tailstack_service.jobs.store import designs, events, jobs, queue, results, schema, tables, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, connect, writing
@@ -97,16 +98,7 @@ def test_another_version_is_refused(fresh: Database, version: str, words: str) -
     assert schema.schema_version(fresh) == version
 
 
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("mysql://u:secret@h/d", "mysql is not known"),
-        ("nonsense", "cannot be read"),
-        ("sqlite://", "a file is needed"),
-        ("sqlite:///:memory:", "a file is needed"),
-        ("sqlite:///a.sqlite3?mode=ro", "without further parameters"),
-    ],
-)
+@pytest.mark.parametrize(("url", "words"), read_cases("settings", "databases"))
 def test_urls_that_cannot_be_used(url: str, words: str) -> None:
     with pytest.raises(StoreError, match=words) as caught:
         open_database(url, migrate=True)

@@ -384,15 +384,7 @@ def test_the_simulated_files_are_those_their_script_writes() -> None:
         assert (FILES / name).read_text() == text, name
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("x_mm,y_mm,z_m\n1,2,3\n", "m.csv:1:1: (document): the columns have different units"),
-        ("error_mm\n1\nNaN\n3\n", "m.csv:3:1: /error_mm: error_mm is not a finite number"),
-        ("error_mm\n1\n2\n", "at least 3 are needed"),
-        ("colour\nred\n", "names no measured quantity"),
-    ],
-)
+@pytest.mark.parametrize(("content", "said"), read_cases("studies", "rubbish"))
 def test_rubbish_is_bad_input(refused: Any, tmp_path: Path, content: str, said: str) -> None:
     file = tmp_path / "m.csv"
     file.write_text(content)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plain_data import EXAMPLES, problems_of, replaced
+from plain_data import EXAMPLES, problems_of, read_cases, replaced
 from random_designs import random_design
 from tailstack import load_design, score, score_batch
 from tailstack.batch import COLUMNS, COMPILED, IN_FULL, Batch
@@ -190,18 +190,7 @@ def test_all_that_keeps_rows_from_the_fastest_way_is_told_at_once_and_no_more() 
 PRIOR = {"focal_rel_sd": 0.01, "principal_point_px_sd": 8.0}
 
 
-@pytest.mark.parametrize(
-    "model",
-    [
-        {"estimator": "pose"},
-        {"estimator": "pose_with_prior"},
-        {"estimator": "reprojection"},
-        {"triangulation": "weighted"},
-        {"triangulation": "reprojection"},
-        {"installation_reading": "eq18", "rotation": "small_angle"},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("model", read_cases("design", "batch_models"), ids=str)
 @pytest.mark.parametrize("effects", [False, True])
 def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, str], effects: bool) -> None:
     """independent: the document of each row, written by assignment and scored alone; all numbers that may move do."""
@@ -240,15 +229,7 @@ WARM = {
 
 
 @pytest.mark.parametrize("design", [DEMO, NORMAL])
-@pytest.mark.parametrize(
-    "path",
-    [
-        "execution/repeatability/std_mm",
-        "execution/compliance/load_half_width_n/1",
-        "interfaces/structure_connector/pivot_mm/2",
-        "interfaces/connector_flange/pivot_mm/0",
-    ],
-)
+@pytest.mark.parametrize("path", read_cases("values", "executed"))
 @pytest.mark.parametrize("warm", [False, True])
 def test_a_number_of_the_execution_or_of_a_warm_seat_is_not_passed_over(design: Any, path: str, warm: bool) -> None:
     """What acts on several axes at once, and the seats about which a warm structure grows."""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from plain_data import read_cases
 from tailstack import load_design, score, score_batch
 from tailstack.design import check_design
 from tailstack.design.bead_noise import BeadNoise, bead_noise
@@ -191,16 +192,7 @@ def test_one_number_for_beads_of_all_depths_is_within_a_hundredth() -> None:
     assert np.sqrt(variance[1] / variance[0]) == pytest.approx(1, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("changes", "place", "words"),
-    [
-        ({"counts": 100.0}, "", "exactly one of snr and counts; snr and counts"),
-        ({"snr": None}, "", "snr: 30"),
-        ({"diameter_mm": 0.4, "contrast": 0.02}, "", "a larger bead, or more contrast or snr"),
-        ({"contrast": 1.5}, "/contrast", "at most 1"),
-        ({"diameter": 3.0}, "/diameter", "diameter_mm"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "place", "words"), read_cases("design", "bead_noise"))
 def test_what_makes_no_noise_is_refused(changes: dict[str, Any], place: str, words: str) -> None:
     section = {name: value for name, value in (SECTION | changes).items() if value is not None}
     with pytest.raises(DesignError) as refusal:

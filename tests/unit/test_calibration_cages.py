@@ -106,15 +106,7 @@ def test_references_with_wrong_separators_or_beads_are_refused_with_the_cure(ref
     assert cure in found[3]
 
 
-@pytest.mark.parametrize(
-    ("marked", "code"),
-    [
-        (("A", "B", "C"), "too-few-references"),
-        (("A", "B", "C", "A"), "too-few-references"),
-        (("A", "B", "C", "E"), "unknown-label"),
-        (("A", "B", "C", "D_1"), "bad-label"),
-    ],
-)
+@pytest.mark.parametrize(("marked", "code"), read_cases("tables", "references"))
 def test_references_that_xmalab_could_not_use_are_not_written(marked, code):
     beads = FiducialList(("A", "B", "C", "D_1"), ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
     assert problems_of(write_references, beads, marked, "cube.ref", error=DesignError)[0].code == code

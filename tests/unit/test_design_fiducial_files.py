@@ -47,21 +47,10 @@ def test_write_and_read_keep_every_digit(ending, rows):
     assert (again.labels, again.positions_mm, again.notes) == (fiducials.labels, fiducials.positions_mm, ())
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "label", "first_mm"),
-    [
-        ("b.csv", "label,x_mm,y_mm,z_mm\nA;left,1,2,-3.5\nB;left,4,5,6\n", "A;left", (1.0, 2.0, -3.5)),
-        ("b.csv", "label,x_mm,y_mm,z_mm\nA;1,1,2,-3.5\nB;2,4,5,6\n", "A;1", (1.0, 2.0, -3.5)),
-        ("b.csv", "Report, 3 May\nlabel;x_mm;y_mm;z_mm\nA, left;1;2;-3.5\nB, left;4;5;6\n", "A, left", (1, 2, -3.5)),
-        ("B.CSV", 'label,x_mm,y_mm,z_mm\n"A, left",1,2,3\r\n', "A, left", (1, 2, 3)),
-        ("b.csv", "x_mm;y_mm;z_mm\n1;2;3\n", "F1", (1, 2, 3)),
-        ("b.csv", "# CoordinateSystem = RAS\nname\tx_mm\ty_mm\tz_mm\nA\t1\t2\t3\n", "A", (-1, -2, 3)),
-        ("b.fcsv", "# columns = label,x,y,z,sel,vis\nA,1,2,3,1,1\n", "A", (-1, -2, 3)),
-    ],
-)
+@pytest.mark.parametrize(("name", "text", "label", "first_mm"), read_cases("tables", "variants"))
 def test_variants_are_read_and_what_labels_hold_separates_no_cells(name, text, label, first_mm):
     found = read(text, name)
-    assert (found.labels[0], found.positions_mm[0]) == (label, first_mm)
+    assert (found.labels[0], found.positions_mm[0]) == (label, tuple(first_mm))
 
 
 @pytest.mark.parametrize(("text", "code", "line"), read_cases("tables", "csv"))
@@ -73,19 +62,10 @@ def test_csv_refusals(text, code, line):
 ROWS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\nn1,1,2,3,0,0,0,1,1,1,0,A,,\n"
 
 
-@pytest.mark.parametrize(
-    ("header", "expected"),
-    [
-        ("", (-1.0, -2.0, 3.0)),  # old files are RAS
-        ("# CoordinateSystem = 0\n", (-1.0, -2.0, 3.0)),
-        ("# CoordinateSystem = RAS\n", (-1.0, -2.0, 3.0)),
-        ("# CoordinateSystem = 1\n", (1.0, 2.0, 3.0)),
-        ("# CoordinateSystem = LPS\n", (1.0, 2.0, 3.0)),
-    ],
-)
+@pytest.mark.parametrize(("header", "expected"), read_cases("tables", "fcsv_systems"))
 def test_fcsv_coordinate_systems(header, expected):
     found = read("# Markups fiducial file version = 4.11\n" + header + ROWS, "b.fcsv")
-    assert (found.labels, found.positions_mm) == (("A",), (expected,))
+    assert (found.labels, found.positions_mm) == (("A",), (tuple(expected),))
     assert any("RAS" in note for note in found.notes) == (expected[0] < 0)
 
 
@@ -105,17 +85,9 @@ def test_markups_take_defined_points_and_say_what_they_left():
     assert "B" in found.notes[0]
 
 
-@pytest.mark.parametrize(
-    ("changes", "first"),
-    [
-        ({"coordinateSystem": "RAS"}, (-1, -2, 3)),
-        ({"coordinateUnits": "cm"}, (10, 20, 30)),
-        ({"coordinateUnits": ["mm", "UCUM", "millimeter"]}, (1, 2, 3)),
-        ({"coordinateSystem": "RAS", "coordinateUnits": "m"}, (-1000, -2000, 3000)),
-    ],
-)
+@pytest.mark.parametrize(("changes", "first"), read_cases("tables", "markups_systems"))
 def test_markups_systems_and_units(changes, first):
-    assert read(json.dumps(markups(**changes)), "b.mrk.json").positions_mm[0] == first
+    assert read(json.dumps(markups(**changes)), "b.mrk.json").positions_mm[0] == tuple(first)
 
 
 @pytest.mark.parametrize(

@@ -145,17 +145,7 @@ def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: s
     assert (problem.pointer, problem.code) == (pointer, code)
 
 
-@pytest.mark.parametrize(
-    ("path", "hint"),
-    [
-        ("interfaces.structure_connector.locators.A33.half_width_mm",
-         "did you mean interfaces.structure_connector.locators.A3.half_width_mm?"),
-        ("interfaces.structure_connector.locators.A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
-        ("interfaces.nope", "in interfaces there is structure_connector, connector_flange."),
-        ("interfaces.structur_connector.pivot_mm.0", "did you mean interfaces.structure_connector.pivot_mm.0?"),
-        ("/views/0/fiducial_noise", "did you mean views.AP.fiducial_noise_px?"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("path", "hint"), read_cases("values", "meant"))
 def test_what_was_perhaps_meant_is_said_by_names(path: str, hint: str) -> None:
     said = problems_of(sweep, SEATED, {path: [1.0]}, error=SweepError)[0].hint
     assert hint in said
@@ -302,16 +292,7 @@ def test_a_bounded_half_width_moves_p95_through_the_worst_vertex() -> None:
     assert slope == pytest.approx((high - low) / 2e-4, rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("path", "moves"),
-    [
-        ("views.AP.isocentre_mm.0", "the gains of"),
-        ("interfaces.connector_flange.pivot_mm.2", "the gains of connector on flange"),
-        ("execution.compliance.load_n.2", "the bias"),
-        ("interfaces.connector_flange.tolerances.rx.coverage_factor", "otherwise than in proportion"),
-        ("targets.tip.position_mm.2", "a target"),
-    ],
-)
+@pytest.mark.parametrize(("path", "moves"), read_cases("values", "underived"))
 def test_a_number_without_a_known_derivative_is_refused_by_name_and_can_be_evaluated(path: str, moves: str) -> None:
     function = DesignFunction(DEMO, [path])
     with pytest.raises(OutOfRangeError, match=moves) as refused:

@@ -39,14 +39,7 @@ def mount_of(features):
 # --- ISO 286 ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("tolerance_class", "diameter", "upper", "lower"),
-    [
-        ("H7", 6, 12, 0), ("g6", 6, -4, -12), ("H7", 31.5, 25, 0), ("h6", 31.5, 0, -16), ("F8", 20, 53, 20),
-        ("e8", 25, -40, -73), ("d9", 50, -80, -142), ("G7", 100, 47, 12), ("m6", 8, 15, 6), ("js7", 10, 7.5, -7.5),
-        ("f7", 500, -68, -131), ("H11", 3, 60, 0), ("g6", 1, -2, -8), ("h5", 3.1, 0, -5), ("JS6", 18, 5.5, -5.5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("tolerance_class", "diameter", "upper", "lower"), read_cases("features", "limits"))
 def test_limits_are_those_of_the_standard(tolerance_class, diameter, upper, lower):
     """published: ISO 286-2, tables of limit deviations."""
     limits = find_deviations(tolerance_class, diameter)

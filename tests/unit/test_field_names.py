@@ -203,12 +203,7 @@ def test_what_cannot_be_known_is_said_and_no_line_is_to_be_carried_out(
     assert words.lower() in text.lower()
 
 
-@pytest.mark.parametrize(("name", "fields"), [
-    ("detector_noise_px", ["fiducial_noise_px", "target_noise_px"]), ("outer_radius_mm", ["inner_radius_mm"]),
-    ("flange_expansion_um_per_m_k", ["connector_expansion_um_per_m_k"]), ("max_yield", ["min_yield"]),
-    ("down_direction", ["up_direction"]), ("max_spacing_mm", ["min_spacing_mm"]), ("p99", ["p95"]),
-    ("min_mm", ["max_mm"]), ("tz_mm", ["tx_mm"]), ("T_base_flange", ["T_tcp_flange"]),
-])  # fmt: skip
+@pytest.mark.parametrize(("name", "fields"), read_cases("names", "apart"))
 def test_a_name_of_something_else_is_not_offered(name: str, fields: list[str]) -> None:
     assert cure_name(name, fields, 1.0, otherwise="none") == ("none", None)
 

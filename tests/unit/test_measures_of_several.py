@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import reference_chain
-from plain_data import DEMO, EXAMPLES, problems_of
+from plain_data import DEMO, EXAMPLES, problems_of, read_cases
 from scenes import random_system
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
@@ -244,17 +244,7 @@ def test_the_condition_number_of_markers_is_told() -> None:
     assert found.verdict.checks[0].open_because.endswith("the largest is no less")
 
 
-@pytest.mark.parametrize(
-    ("change", "pointer", "code"),
-    [
-        ({"name": "m0"}, "/bodies/1/name", "duplicate-name"),
-        ({"name": "bone"}, "/bodies/1/name", "duplicate-name"),
-        ({"against": "implant"}, "/bodies/1/against", "unknown-name"),
-        ({"targets": ["m3", "m4", "nobody"]}, "/bodies/1/targets/2", "unknown-name"),
-        ({"targets": ["m3", "m4", "m4"]}, "/bodies/1/targets/2", "duplicate-name"),
-        ({"targets": ["m3", "m4"]}, "/bodies/1/targets", "too-short"),
-    ],
-)
+@pytest.mark.parametrize(("change", "pointer", "code"), read_cases("design", "bodies"))
 def test_a_body_that_is_none_is_refused(change: dict[str, Any], pointer: str, code: str) -> None:
     data = with_body("translation")
     data["bodies"][1] |= change

@@ -13,7 +13,7 @@ from scipy.stats import chi2, ncx2
 from test_correlation import STILL, document_of, rows_of
 from test_design_function import difference_by
 
-from plain_data import DEMO, problems_of
+from plain_data import DEMO, problems_of, read_cases
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.design import Design, compile_design
 from tailstack.estimation.least_squares import weights_at_rest
@@ -153,16 +153,7 @@ def test_the_covariance_of_eq_16_is_that_of_isotropic_noise():
     np.testing.assert_allclose(other, plain, rtol=1e-12, atol=1e-18)
 
 
-@pytest.mark.parametrize(
-    ("shape", "code", "word"),
-    [
-        ([[0.0016, 0.0], [0.0, 0.0004]], "out-of-range", "fiducial_noise_px: 0.03162"),
-        ([[1.0, 1.2], [1.2, 1.0]], "not-positive-semidefinite", "0.71 u -0.71 v"),
-        ([[1.0, 0.2], [0.3, 1.0]], "not-a-covariance", "symmetric"),
-        ([[2.5, 0.0], [0.0, -0.5]], "not-a-covariance", "negative"),
-        ([[0.0, 0.0], [0.0, 0.0]], "not-a-covariance", "above 0"),
-    ],
-)
+@pytest.mark.parametrize(("shape", "code", "word"), read_cases("design", "noise_shapes"))
 def test_what_is_no_shape_of_noise_is_refused(shape, code, word):
     data = copy.deepcopy(DEMO)
     data["views"][0]["fiducial_noise_shape"] = shape

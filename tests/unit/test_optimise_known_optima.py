@@ -27,6 +27,7 @@ from optimise_scenes import (
     silent_problem,
     solve_placement,
 )
+from plain_data import read_cases
 from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
@@ -315,16 +316,7 @@ def test_the_recorded_optimum_is_reproduced() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("fiducials", "limit_mm", "best_known", "starts", "seed"),
-    [
-        (8, 0.5, 3263.7835204466032, 6, 0),
-        (8, 0.5, 3263.7835204466032, 6, 1),
-        (8, 0.5, 3263.7835204466032, 6, 12345),
-        (8, 1.0, 1486.82, 4, 1),
-        (8, 1.0, 1486.82, 4, 7),
-        (12, 0.5, 3190.6, 4, 2),
-        (16, 0.5, 3153.0, 2, 3),
-    ],
+    ("fiducials", "limit_mm", "best_known", "starts", "seed"), read_cases("optimise", "best_known")
 )
 def test_best_known_cost_is_met(fiducials: int, limit_mm: float, best_known: float, starts: int, seed: int) -> None:
     """independent: cost within 0.2 % of the best known, evaluated by the approximation those costs used."""

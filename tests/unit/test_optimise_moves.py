@@ -13,7 +13,7 @@ import yaml
 from scipy.optimize import brentq
 
 from optimise_documents import BOX, document, moving, optimised, positions
-from plain_data import EXAMPLES
+from plain_data import EXAMPLES, read_cases
 from tailstack.design import load_design
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation.exact_law import exact_ratios
@@ -81,16 +81,7 @@ def shuffled(data: dict[str, Any]) -> tuple[str, ...]:
     return label_places(request, request.problem, layout)
 
 
-@pytest.mark.parametrize(
-    ("apart", "labels"),
-    [
-        ({}, "F2 F1 F3 F4 F6 F5"),
-        ({"loss_probability": 0.01}, "F1 F2 F3 F4 F6 F5"),
-        ({"fixed": ["F1"]}, "F1 F2 F3 F4 F6 F5"),
-        ({"region": True}, "F1 F2 F3 F4 F6 F5"),
-        ({"symmetry": {"mirror": {"normal": [1, 0, 0]}}}, "F2 F1 F3 F4 F6 F5"),
-    ],
-)
+@pytest.mark.parametrize(("apart", "labels"), read_cases("optimise", "alike"))
 def test_only_what_is_alike_may_stand_for_one_another(apart: dict[str, Any], labels: str) -> None:
     """F1 has a loss probability, a place or a region of its own; in a mirrored pair either may be the first."""
     section = moving(**{field: apart[field] for field in ("fixed", "symmetry") if field in apart})

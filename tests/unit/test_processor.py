@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from family import run_process
+from plain_data import read_cases
 from tailstack.errors import KernelError
 from tailstack.kernels import processor
 from waiting import LIMIT_SECONDS
@@ -24,18 +25,7 @@ pytestmark = pytest.mark.skipif(
 V3 = processor.LEVELS["x86-64-v3"]
 
 
-@pytest.mark.parametrize(
-    ("name", "features", "words"),
-    [
-        ("x86-64-v4", "", "-v4 and NUMBA_CPU_FEATURES= ask for kernels with avx512bw, avx512cd, avx512dq, avx512f"),
-        ("x86-64-v4", None, "ask for kernels with avx512bw"),
-        ("x86-64-v3", "+avx512f", "NUMBA_CPU_FEATURES=.avx512f ask for kernels with avx512f, which this processor"),
-        ("x86-64-v2", "+avx2,+avx99", "with avx99, which"),
-        ("haswell", None, "=haswell and NUMBA_CPU_FEATURES= ask for kernels of a processor that is no level"),
-        ("native", "", "NUMBA_CPU_NAME=native and"),
-        (None, "+avx512f,+avx512vl", "NUMBA_CPU_FEATURES=.avx512f,.avx512vl ask for kernels of a processor that is no"),
-    ],
-)
+@pytest.mark.parametrize(("name", "features", "words"), read_cases("settings", "processors"))
 def test_more_than_an_avx2_processor_has_is_refused(
     monkeypatch: pytest.MonkeyPatch, name: str | None, features: str | None, words: str
 ) -> None:

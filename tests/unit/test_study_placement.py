@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
-from plain_data import EXAMPLES
+from plain_data import EXAMPLES, read_cases
 from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
 from tailstack.optimisation.changes import Alternative, floor_of, layout_problem, list_changes
@@ -117,15 +117,7 @@ def test_a_bound_is_that_of_the_document_and_what_is_found_lies_above_it(study: 
     assert [at for at, _ in cases_of(study, "estimator")] == ["dlt", "reprojection", "pose"]
 
 
-@pytest.mark.parametrize(
-    ("least_mm", "found_mm", "words"),
-    [
-        (1.2, 1.3, "worse than the best layout found as designed, whatever the layout"),
-        (0.995, 0.999, r"buys next to nothing, at most 0.0050 mm \(0.5 %\). No such layout has P95 below 0.995 mm"),
-        (0.5, None, r"buys at most 0.50 mm \(50.0 %\). No such layout has P95 below 0.5 mm\."),
-        (None, 0.9, r"nothing is proven \(why\)"),
-    ],
-)
+@pytest.mark.parametrize(("least_mm", "found_mm", "words"), read_cases("studies", "proven"))
 def test_a_sentence_says_what_is_proven(least_mm: float | None, found_mm: float | None, words: str) -> None:
     case = PlacementCase("fiducials", "13 fiducials", 13, "tip", found_mm, least_mm, "why")
     most_mm, sentence = say_worth(1.0, case)

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from plain_data import EXAMPLES
+from plain_data import EXAMPLES, read_cases
 from tailstack.design import load_design
 from tailstack.errors import StudyError
 from tailstack.scoring import score
@@ -120,17 +120,7 @@ def test_views_given_by_matrices_are_left_as_they_are_and_that_is_said() -> None
     assert all("is left as it is: it is given by a matrix or by intrinsics" in one.sentence for one in study.views)
 
 
-@pytest.mark.parametrize(
-    ("cone_deg", "step_deg", "refused", "hint"),
-    [
-        (30, 2, "", ""),
-        (90, 6, "", ""),
-        (30, 30, "", ""),
-        (30, 1.99, "at most 15 steps from its middle to its edge; got 15.08", "step_deg 2 or more"),
-        (31, 2, "at most 15 steps from its middle to its edge; got 15.5", "step_deg 2.1 or more"),
-        (3, 3.01, "a step of 3.01 deg leaves no direction within 3 deg", "step_deg 1"),
-    ],
-)
+@pytest.mark.parametrize(("cone_deg", "step_deg", "refused", "hint"), read_cases("studies", "maps"))
 def test_a_map_has_a_direction_and_an_end(cone_deg: float, step_deg: float, refused: str, hint: str) -> None:
     """closed_form: at most 15 steps, at least one; what a hint asks for is taken."""
     if not refused:
