@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import special_ortho_group
 
 from laws import linear_law, norm_cvar
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.bounds import bounds
-from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile, law_summary
+from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 from tailstack.tail.gaussian import norm_cdf, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
 
 pytestmark = pytest.mark.hostile
@@ -70,14 +70,6 @@ def test_units_change_nothing(law, p, exponent):
     m, S = law
     scale = 10**exponent
     assert norm_quantile(p, scale * m, scale**2 * S) == pytest.approx(scale * norm_quantile(p, m, S), rel=1e-10)
-
-
-@many
-@given(gaussians(), probabilities, probabilities)
-def test_quantiles_are_ordered(law, p, q):
-    assume(abs(p - q) > 1e-9)
-    low, high = sorted((p, q))
-    assert norm_quantile(low, *law) <= norm_quantile(high, *law) * (1 + 1e-12)
 
 
 @many
@@ -162,14 +154,6 @@ def test_removing_a_source_never_raises_the_quantile_without_bias(law, p):
 def without(law: LinearLaw, column: int) -> LinearLaw:
     columns = np.ascontiguousarray(np.delete(law.columns, column, axis=1))
     return replace(law, columns=columns, kinds=np.delete(law.kinds, column))
-
-
-@some
-@given(laws(), st.floats(0.3, 0.99))
-def test_removing_a_source_never_raises_mean_or_tail_mean(law, p):
-    whole, part = law_summary(law, p), law_summary(without(law, 0), p)
-    assert part.mean_norm_mm <= whole.mean_norm_mm * (1 + 1e-6)
-    assert part.cvar_mm <= whole.cvar_mm * (1 + 1e-5)
 
 
 @some

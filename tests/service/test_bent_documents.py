@@ -1,4 +1,4 @@
-"""Documents bent at random: decimal commas at the command, requests to the gate, JSON over HTTP.
+"""Documents bent at random: decimal commas at the command, requests to the gate.
 
 What comes is judged or refused at its place, and never a defect."""
 
@@ -14,7 +14,6 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -154,34 +153,3 @@ def test_whatever_arrives_is_judged_or_refused(run_seed: int) -> None:
             assert record_of("gate", json.loads(to_json(found))) == found
     assert met["GateRecord"] > CASES / 20, met
     assert met["GateError"] > CASES / 4, met
-
-
-# --- requests over HTTP ---------------------------------------------------------------------------
-
-
-POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisations", "/v1/sweeps", "/v1/reports",
-         "/v1/gates", "/v1/conversions")  # fmt: skip
-FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def check_no_defect(response: httpx.Response) -> None:
-    assert response.status_code < 500, response.text
-    assert response.headers["content-type"] in ("application/json", "application/problem+json")
-    document = response.json()
-    if response.status_code not in (200, 202):
-        assert document["errors"]
-        assert document["status"] == response.status_code
-
-
-@FEW
-@given(
-    path=st.sampled_from(POSTS),
-    body=st.recursive(
-        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
-        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
-        max_leaves=20,
-    ),
-)
-def test_json_values(client: httpx.Client, path: str, body: Any) -> None:
-    content = json.dumps(body).encode()
-    check_no_defect(client.post(path, content=content, headers={"Content-Type": "application/json"}))

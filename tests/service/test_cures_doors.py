@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from service_scenes import EXAMPLES
 
 from cure_walk import walk_slips
-from plain_data import problems_of
+from plain_data import problems_of, read_cases
 from records import examples_with, fields_of, records_below
 from tailstack.design import Design, load_design
 from tailstack.design.pointers import pointer_of
@@ -28,7 +28,6 @@ from tailstack_service.environment import variable
 from tailstack_service.gate.policy import Policy
 from tailstack_service.gate.waivers import Waivers
 from tailstack_service.operations.batch import score_table
-from tailstack_service.operations.patches import merge
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.request import read_options, refuse_query
 from tailstack_service.settings import Settings, SettingsError, refuse_unknown
@@ -136,16 +135,7 @@ def test_settings_are_not_renamed_without_a_word() -> None:
     assert seen >= 20
 
 
-@pytest.mark.parametrize(("path", "meant", "words"), [
-    ("views.AP.fiducial_noise_mm", "views.AP.fiducial_noise_px", "divide by pixel_mm, 0.194"),
-    ("/views/0/fiducial_noise_mm", "views.AP.fiducial_noise_px", "divide by pixel_mm, 0.194"),
-    ("views.*.fiducial_noise_um", "views.", "divide by pixel_mm, 0.194"),
-    ("requirements.tip-accuracy.limit_um", "requirements.tip-accuracy.limit_mm", "1 um is 0.001 mm"),
-    ("fiducials.manufacturing.half_width_mil", "fiducials.manufacturing.half_width_mm", "1 mil is 0.0254 mm"),
-    ("fiducials.manufacturing.std_mm", "fiducials.manufacturing.half_width_mm", "of the law uniform"),
-    ("interfaces.structure_connector.pivot_cm.0", "interfaces.structure_connector.pivot_mm.0", "1 cm is 10 mm"),
-    ("views.AP.detector_noise_px", None, ""),
-])  # fmt: skip
+@pytest.mark.parametrize(("path", "meant", "words"), read_cases("names", "columns"))
 def test_columns_and_axes_say_what_happens_to_their_numbers(
     design: Design, path: str, meant: str | None, words: str
 ) -> None:
@@ -161,19 +151,3 @@ def test_columns_and_axes_say_what_happens_to_their_numbers(
     with pytest.raises(TailstackError) as of_table:
         score_table(design, read_table(io.BytesIO(f"{path}\n1\n".encode()), "csv", "t.csv"), (), None)
     assert of_table.value.problems[0].hint == hint
-
-
-def test_the_library_and_a_patch_say_what_the_document_says(design: Design) -> None:
-    def hint_of(make: Any) -> str:
-        (problem,) = problems_of(make)
-        return problem.hint
-
-    slipped = merge(DEMO, {"requirements": [{**DEMO["requirements"][0], "limit_um": 1000}]})
-    del slipped["requirements"][0]["limit_mm"]
-    assert hint_of(lambda: load_design(slipped)).endswith("1 um is 0.001 mm: limit_mm: 1")
-    seat = {"half_width_mil": 2, "distribution": "uniform"}
-    expected = "did you mean half_width_mm? It is in mm, and 1 mil is 0.0254 mm: half_width_mm: 0.0508"
-    assert hint_of(lambda: design.with_value("fiducials.manufacturing", seat)) == expected
-    assert hint_of(
-        lambda: load_design(merge(DEMO, {"fiducials": {"manufacturing": seat | {"half_width_mm": None}}}))
-    ) == (expected)

@@ -162,22 +162,6 @@ def test_the_command_to_type_next_survives_the_shell(
     assert shlex.split(told) == ["tailstack", "score", f"new {name}"]
 
 
-def test_points_that_are_sent_as_a_design(client: httpx.Client) -> None:
-    """The service reads no files, so that it must not ask for the name of one."""
-    folder = EXAMPLES / "fiducials"
-    markups = json.loads((folder / "phantom.mrk.json").read_text())
-    answers = [
-        (client.post("/v1/scores", content=(folder / "marker8.csv").read_bytes(), headers=YAML), ""),
-        (client.post("/v1/scores", json={"design": markups}), "/design"),
-        (client.post("/v1/scores", json={"design": [[1, 2, 3]]}), "/design"),
-    ]
-    for answer, pointer in answers:
-        (entry,) = check_problem(answer, 422, "invalid-design")["errors"]
-        assert (entry["code"], entry["pointer"]) == ("point-list", pointer)
-        assert "fiducials.points" in entry["hint"]
-        assert "fiducials.file" not in entry["hint"]
-
-
 # --- alike findings -----------------------------------------------------------------------------------------
 
 

@@ -7,7 +7,6 @@ goes on by itself afterwards."""
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import os
 import shutil
 import signal
@@ -561,16 +560,6 @@ def test_a_changed_answer_is_refused_whoever_came_to_it_until_it_is_computed_aga
         assert kept is not None
         assert (healed.result_sha256, kept.body) == (name, b'{"answer":1}')
     assert find(store, theirs).state == "succeeded"
-
-
-def test_an_answer_that_is_computed_again_is_stored_over_changed_bytes(store: Database) -> None:
-    """Nobody had looked at it in between."""
-    name = str(finished_job(store).result_sha256)
-    change(store, "UPDATE results SET body = ?", FORGED)
-    finished_job(store)
-    kept = results.read_result(store, "acme", name)
-    assert kept is not None
-    assert hashlib.sha256(kept.body).hexdigest() == name
 
 
 def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: Path, migrated_file: Path) -> None:

@@ -83,13 +83,6 @@ def test_what_is_misspelt_is_answered_with_what_was_meant(refused: Any, call: An
 # --- files that are not there -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("typed", ["design.yml", "design.json", "desing.yaml", "design"])
-def test_a_design_with_another_ending_is_found(call: Any, typed: str) -> None:
-    code, _, err = call("score", typed)
-    assert code == 2
-    assert "  hint: did you mean design.yaml?\n" in err
-
-
 def test_what_comes_next_is_said_once(call: Any) -> None:
     for verb in ("score", "validate", "optimise", "verify"):
         code, _, err = call(verb, "quite-another.yaml")
@@ -258,14 +251,7 @@ def test_a_file_of_another_kind_is_named_with_its_verb(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said", "unsaid"),
-    [
-        (("convert", "design.yaml", "-o", "out"), "'out' has no known ending", "design document"),
-        (("convert", "design.yaml", "-o", "nodir/out.json"), "there is no directory nodir", "design document"),
-        (("convert", "nope.step", "-o", "x.yaml"), "no such file: nope.step", "tailstack init"),
-        (("gate", "design.yaml", "--policy", "missing.yaml"), "no such file: missing.yaml", "tailstack init"),
-    ],
-    ids=["ending", "folder", "step", "policy"],
+    ("arguments", "said", "unsaid"), read_cases("commands", "beside"), ids=["ending", "folder", "step", "policy"]
 )
 def test_what_is_wrong_beside_the_design_is_not_blamed_on_it(
     call: Any, arguments: tuple[str, ...], said: str, unsaid: str

@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 import sqlalchemy as sa
-from service_scenes import check_problem, client_with, coplanar_design, small_design
+from service_scenes import check_problem, client_with, small_design
 from store_scenes import Clock
 
 from plain_data import read_cases
@@ -151,12 +151,6 @@ def test_a_refusal_points_into_the_patched_design(client: httpx.Client) -> None:
     assert {entry["pointer"] for entry in problem["errors"]} == {f"/design/{place}" for place in places}
 
 
-def test_a_layout_that_the_patch_made_flat_is_refused(client: httpx.Client) -> None:
-    patch = {"fiducials": {"points": coplanar_design()["fiducials"]["points"]}}
-    problem = check_problem(score(client, design=small_design(), patch=patch), 422, "ill-posed-geometry")
-    assert problem["errors"][0]["pointer"].startswith("/design/fiducials")
-
-
 @pytest.mark.parametrize(
     ("body", "pointer", "code"),
     [
@@ -174,15 +168,7 @@ def test_what_cannot_be_meant_is_refused(client: httpx.Client, body: dict[str, A
     assert [(entry["pointer"], entry["code"]) for entry in problem["errors"]] == [(pointer, code)]
 
 
-@pytest.mark.parametrize(
-    ("path", "options"),
-    [
-        ("/v1/validations", {}), ("/v1/layouts", {}), ("/v1/verifications", {"trials": 1000, "seed": 3}),
-        ("/v1/optimisations", {"starts": 1}), ("/v1/reports", {}),
-        ("/v1/sweeps", {"axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]}),
-        ("/v1/studies/coupling", {"levels": [{"rotation_deg": 0.1, "translation_mm": 0.1}]}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("path", "options"), read_cases("http", "patched"))
 def test_every_operation_on_one_design_takes_a_patch(client: httpx.Client, path: str, options: dict[str, Any]) -> None:
     """The same request as the whole design: a job of the one is the job of the other."""
     name = sha256_of(score(client, design=small_design()))

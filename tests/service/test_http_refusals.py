@@ -11,6 +11,7 @@ import socket
 from collections.abc import Callable, Iterator
 from datetime import date
 from functools import partial
+from itertools import product
 from typing import Any
 
 import httpx
@@ -262,12 +263,6 @@ def test_other_content_types_are_415(client: httpx.Client, path: str, kinds: lis
     assert ("Content-Encoding" in refused["errors"][0]["detail"]) == bool(encodings)
 
 
-def test_problems_of_a_gated_design_start_inside_it(client: httpx.Client) -> None:
-    by_json = {"designs": [{"file": "a.yaml", "design": {"schema": "tailstack/design/1"}}]}
-    document = check_problem(client.post("/v1/gates", json=by_json), 422, "invalid-design")
-    assert document["errors"][0]["pointer"].startswith("/designs/0/design")
-
-
 def test_what_no_reader_takes_is_refused(client: httpx.Client) -> None:
     for text in (b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"):
         check_problem(client.post("/v1/validations", content=text, headers=YAML), 400, "malformed-document")
@@ -275,6 +270,8 @@ def test_what_no_reader_takes_is_refused(client: httpx.Client) -> None:
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
     check_problem(client.post("/v1/validations", content="\n".join(lines), headers=YAML), 422, "limit-exceeded")
     check_problem(client.post("/v1/scores", content=b'{"design":' + b"[" * 90_000, headers=JSON), 422, "limit-exceeded")
+    for path, body in product(("/v1/gates", "/v1/conversions"), (b"[]", b"null", b"3", b'"x"', b"{}", b'{"": [[]]}')):
+        check_problem(client.post(path, content=body, headers=JSON), 422, "invalid-request")
 
 
 def test_a_name_that_no_field_has_is_a_limit_of_what_can_be_read(client: httpx.Client) -> None:

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_scenes import EXAMPLES, limited, small_design
+from service_scenes import limited, small_design
 
 from tailstack import TailstackError, load_design, optimise, score, verify
-from tailstack.design.write import data_to_yaml
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.audit import Audit, Effort, audit
 from tailstack_service.cli.main import main
@@ -529,71 +528,3 @@ def test_an_audit_of_another_kind_of_number_is_exact() -> None:
         found = audit(to_json(forged), "x")
         assert found.verdict == verdict
         assert "to the last digit" in details(found) or verdict == "differs"
-
-
-# --- fiducials from files -------------------------------------------------------------------------
-
-
-FROM_FILES = {
-    "ras.csv": "# CoordinateSystem = RAS\nlabel,x_cm,y_cm,z_cm\n",
-    "old.fcsv": "# columns = label,x,y,z\n",
-    "slicer.mrk.json": "",
-}
-
-
-def beside(folder: Path, name: str) -> Path:
-    """A design beside a fiducial file that leaves notes: converted, and in one format with a point left out."""
-    points = small_design()["fiducials"]["points"]
-    rows = [(f"P{k}", [round(v / 10, 6) for v in point["position_mm"]]) for k, point in enumerate(points)]
-    if name.endswith(".json"):
-        controls = [{"label": label, "position": position} for label, position in rows]
-        controls.append({"label": "lost", "position": [0, 0, 0], "positionStatus": "undefined"})
-        markup = {"coordinateSystem": "RAS", "coordinateUnits": "cm", "controlPoints": controls}
-        content = json.dumps({"markups": [markup]})
-    else:
-        scale = 10 if name.endswith(".fcsv") else 1
-        content = FROM_FILES[name] + "".join(f"{a},{x * scale},{y * scale},{z * scale}\n" for a, (x, y, z) in rows)
-    (folder / name).write_text(content, encoding="utf-8")
-    design = {**small_design(fiducials={"file": name}), "optimise": None}
-    path = folder / "design.json"
-    path.write_text(json.dumps({key: value for key, value in design.items() if value is not None}), encoding="utf-8")
-    return path
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", FROM_FILES)
-def test_an_untouched_report_of_a_fiducial_file_is_verified(name: str, tmp_path: Path) -> None:
-    design = load_design(beside(tmp_path, name))
-    made = to_json(compute_report(design, ReportContents(trials=TRIALS)))
-    assert sum(note.startswith(name) for note in json.loads(made)["score"]["provenance"]["notes"]) >= 2
-    for form in ("html", "xlsx"):
-        found = audit(render("report", made, form), "x", fast=form != "html")
-        assert found.verdict == "verified", details(found)
-
-
-@pytest.mark.long
-def test_the_design_in_a_report_is_the_design(tmp_path: Path) -> None:
-    """Taken out of the record and written as YAML, it gives the report again, byte for byte."""
-    options = ReportContents(parts=("score",))
-    made = compute_report(load_design(EXAMPLES / "slicer_markups.yaml"), options)
-    (tmp_path / "design.yaml").write_text(data_to_yaml(made.design), encoding="utf-8")
-    assert to_json(compute_report(load_design(tmp_path / "design.yaml"), options)) == to_json(made)
-
-
-@pytest.mark.long
-def test_an_optimised_design_says_where_its_points_came_from(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = beside(tmp_path, "ras.csv")
-    wanted = small_design()["optimise"] | {"starts": 1, "fixed": []}
-    path.write_text(json.dumps({**json.loads(path.read_text()), "optimise": wanted}), encoding="utf-8")
-    new = tmp_path / "new.yaml"
-    assert main(["optimise", str(path), "-o", str(new), "--json"]) in (0, 1)
-    record = json.loads(capsys.readouterr().out)
-    origin = load_design(new).source.data["fiducials"]["origin"]
-    before = record["design_before"]["fiducials"]["origin"]
-    assert (before["file"], before["coordinate_system"], "changed" in before) == ("ras.csv", "RAS", False)
-    assert origin == {**before, "changed": True}
-    assert any("RAS" in note for note in record["certificate"]["verification"]["provenance"]["notes"])
-    found = audit(to_json(record_of("optimisation", record)), "x", fast=True)
-    assert found.verdict == "verified", details(found)

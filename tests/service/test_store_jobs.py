@@ -16,7 +16,7 @@ from store_scenes import LEASE, PROBLEM, Clock, claim, claim_one, find, finish, 
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
-from tailstack_service.problems import IdempotencyConflict, QueueFull
+from tailstack_service.problems import QueueFull
 from tailstack_service.processes.task import ADVANCE, Outcome, UnitResult
 from waiting import LIMIT_SECONDS
 
@@ -92,14 +92,6 @@ def test_the_same_key_and_request_is_the_same_job(store: Database) -> None:
     assert submit(store, idempotency_key=None).id != submit(store, idempotency_key=None).id
     finish(store)
     assert submit(store, idempotency_key="k").id == first.id  # also once it has finished
-
-
-@pytest.mark.parametrize("changes", [{"request": b'{"design":{"a":1}}'}, {"kind": "optimisation"}])
-def test_the_same_key_with_another_request_is_refused(store: Database, changes: dict[str, Any]) -> None:
-    first = submit(store, idempotency_key="k")
-    with pytest.raises(IdempotencyConflict, match=first.id):
-        submit(store, idempotency_key="k", **changes)
-    assert [job.id for job in jobs.list_page(store, "acme", limit=10).jobs] == [first.id]
 
 
 def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> None:

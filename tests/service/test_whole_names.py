@@ -178,13 +178,6 @@ def test_an_interface_without_a_label_is_called_by_its_name() -> None:
     assert {line.label for line in lines if line.name == SEAT} == {SEAT}
 
 
-def test_people_read_the_name_of_the_design_and_the_label() -> None:
-    text = " ".join(OPERATIONS["score"].write(score(load_design(ROOT / "examples" / "demo.yaml"))).split())
-    assert f"{FLANGE}: " in text
-    for word in " ".join(LABEL.values()).split():
-        assert word in text
-
-
 # --- sentences ------------------------------------------------------------------------------------
 
 

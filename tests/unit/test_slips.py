@@ -72,16 +72,7 @@ def test_a_value_of_another_form_is_cured_at_its_field(document, path, value, po
     assert cure in problem.hint
 
 
-@pytest.mark.parametrize(
-    ("name", "cure"),
-    [
-        ("fiducials/marker9.csv", "did you mean fiducials/marker8.csv?"),
-        ("marker8.csv", "did you mean fiducials/marker8.csv?"),
-        ("fiducial/marker8.csv", "did you mean fiducials/marker8.csv?"),
-        ("fiducials/phantom.csv", "did you mean fiducials/phantom."),
-        ("fiducials/xyz.csv", "there is fiducials/marker8.csv, fiducials/phantom.fcsv"),
-    ],
-)
+@pytest.mark.parametrize(("name", "cure"), read_cases("design", "missing_files"))
 def test_a_missing_fiducial_file_names_line_folder_and_neighbours(tmp_path, name, cure):
     (tmp_path / "fiducials").mkdir()
     for known in ("marker8.csv", "phantom.fcsv", "phantom.mrk.json"):
@@ -100,7 +91,7 @@ def test_a_missing_design_names_its_neighbour(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("parts").mkdir()
     Path("parts/guide.yaml").write_text(TEXT)
-    for typed in ("parts/giude.yaml", "guide.yaml", "part/guide.yaml"):
+    for typed in ("parts/giude.yaml", "guide.yaml", "part/guide.yaml", "guide.yml", "guide.json", "parts/guide"):
         assert problem_of(Path(typed)).hint == "did you mean parts/guide.yaml?"
     assert problem_of(Path("a.yaml")).hint == "check the path"  # an ending in common is no likeness
 
@@ -112,7 +103,9 @@ def test_a_point_list_given_as_a_design(name):
     assert problem.code == "point-list"
     assert problem.line == 1
     assert problem.hint == f"put it under fiducials.file of a design: fiducials: {{file: {name}}}"
-    assert "fiducials.points" in problem_of(path.read_text()).hint  # it came without a file
+    without_file = problem_of(path.read_text()).hint  # as a service gets it, which reads no files
+    assert "fiducials.points" in without_file
+    assert "fiducials.file" not in without_file
 
 
 def test_a_point_list_is_not_sent_in_a_circle_by_its_name(tmp_path):
@@ -140,16 +133,7 @@ def test_yaml_in_a_file_called_json(tmp_path):
     assert problem_of(path).hint == ""
 
 
-@pytest.mark.parametrize(
-    ("schema", "cure"),
-    [
-        ("tailstack/policy/1", "tailstack gate DESIGN --policy FILE"),
-        ("tailstack/waivers/1", "tailstack gate DESIGN --waivers FILE"),
-        ("tailstack/score/1", "tailstack report FILE"),
-        ("tailstack/design/2", "schema: tailstack/design/1"),
-        ("design", "schema: tailstack/design/1"),
-    ],
-)
+@pytest.mark.parametrize(("schema", "cure"), read_cases("design", "other_documents"))
 def test_another_document_than_a_design(schema, cure):
     problem = problem_of(f"name: x\nschema: {schema}\n")
     assert (problem.pointer, problem.code, problem.line) == ("/schema", "unsupported-schema", 2)
