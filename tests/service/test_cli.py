@@ -8,6 +8,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -16,6 +17,7 @@ from service_scenes import EXAMPLES, coplanar_design, limited, small_design, wri
 from family import SOURCES, run_python
 from tailstack_service.cli.main import verbs
 from tailstack_service.console.parser import spell_commands
+from tailstack_service.console.remote import DEFAULT_URL
 from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")
@@ -32,6 +34,7 @@ def test_help_names_every_verb(call: Any) -> None:
     code, out, _ = call("--help")
     assert code == 0
     assert all(f"    {verb} " in out for verb in verbs())
+    assert f"(default {urlsplit(DEFAULT_URL).port})" in " ".join(call("serve", "--help")[1].split())
 
 
 @pytest.mark.parametrize(

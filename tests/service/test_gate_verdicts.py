@@ -409,7 +409,8 @@ def test_regressions_beyond_what_is_allowed_fail() -> None:
     assert finding.value == pytest.approx(percent, rel=1e-9)
     assert record.exit_code == 1
     assert gate(worse, baseline=base, max_regression_percent=percent + 0.1).exit_code == 0
-    assert gate(limited(3 * P95), baseline=base).exit_code == 0
+    none = policy({"regression": {"max_percent": 0}})
+    assert gate(limited(3 * P95), baseline=base, policy=none).exit_code == 0
     assert gate(limited(0.5 * P95), baseline=base, max_regression_percent=50.0).exit_code == 1, "limits stay absolute"
 
 

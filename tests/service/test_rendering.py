@@ -157,6 +157,7 @@ def test_checks_show_value_interval_limit_and_status_and_a_yield_what_is_require
     assert last == ["tip", "entry", "P95", "1.25", "1.20", "1.30", "1.50", "+0.20", "pass"]
     units = {"risk": "per_unit", "yield_fraction": 0.9, "min_yield": 0.95}
     failing = check("fail", requirement="each", interval=(1.55, 1.6), value=1.57, **units)
+    assert failing.headline == "P95 that 95 % of units keep"
     with write_on(Page(120, details=True)):
         text = requirements_text(judged(failing, check("pass")))
     cells = " ".join(text.split("\n")[-2].split())
