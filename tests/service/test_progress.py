@@ -24,14 +24,14 @@ def shown_left(progress: Progress) -> float | None:
 
 
 def test_of_an_optimisation_the_time_left_is_that_of_its_stage_by_its_own_pace() -> None:
-    """A minute of layouts at one pace, then starts at another: four of ten in eight seconds leave twelve."""
+    """A minute of programmes at one pace, then starts at another: four of ten in eight seconds leave twelve."""
     clock = TurnedClock()
     progress = Progress("optimise", io.StringIO(), clock=clock)
     report = reporter(progress, "cost")
     for done in range(1, 11):
         clock.turn(6)
-        report("layout", done, 10, None)
-    assert progress.line() == "optimise: 60 s, starting layout 10 of 10"
+        report("programme", done, 10, None)
+    assert progress.line() == "optimise: 60 s, programme 10 of 10"
     for done in range(1, 5):
         clock.turn(2)
         report("start", done, 10, 20.0 - done)

@@ -508,7 +508,7 @@ def test_no_optimised_layout_is_below_it(estimator: Estimator, form: Triangulati
     least = fit_below(find_net(information), np.eye(3))
     bound = bound_of(problem).value_mm
     prepared = prepare_search(problem, starts=100)
-    ends = [solve_start(prepared, k) for k in range(len(prepared.starts))]
+    ends = [solve_start(prepared, start) for start in prepared.starts]
     found = [prepared.program.split(point.x).fiducials_mm for point in ends if point.solved]
     assert len(found) >= 80
     (cells,) = (cells_of(information, beads) for beads in information.beads)

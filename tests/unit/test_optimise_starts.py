@@ -95,36 +95,40 @@ def broken_rules(problem: PlacementProblem, layout: Array) -> list[str]:
     return found
 
 
+def list_layouts(problem: PlacementProblem, starts: int, seed: int) -> list[Array]:
+    """All that the search would start from."""
+    return list(starting_layouts(*given(problem), starts, seed))
+
+
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_starts_keep_every_rule(name: str) -> None:
     """independent: the rules written out a second time, on four starts after the first."""
     problem = PROBLEMS[name]
-    for layout in starting_layouts(*given(problem), 5, 3)[1:]:
+    for layout in list_layouts(problem, 5, 3)[1:]:
         assert broken_rules(problem, layout) == []
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_a_start_depends_on_the_seed_and_its_number_alone(name: str) -> None:
     """independent: more starts only add; another seed gives others."""
-    args = given(PROBLEMS[name])
-    some, more = starting_layouts(*args, 3, 11), starting_layouts(*args, 5, 11)
+    problem = PROBLEMS[name]
+    some, more = list_layouts(problem, 3, 11), list_layouts(problem, 5, 11)
     np.testing.assert_array_equal(some, more[:3])
-    assert not np.array_equal(starting_layouts(*args, 2, 12)[1], some[1])
+    assert not np.array_equal(list_layouts(problem, 2, 12)[1], some[1])
 
 
 def test_the_first_start_is_the_present_layout() -> None:
     """closed form: inside its region it stays; outside it moves to the nearest point; copies follow."""
     problem = PROBLEMS["box"]
-    args = given(problem)
-    np.testing.assert_array_equal(starting_layouts(*args, 1, 0)[0], problem.system.fiducials_mm)
+    np.testing.assert_array_equal(list_layouts(problem, 1, 0)[0], problem.system.fiducials_mm)
     nothing = replace(problem, places=())
-    np.testing.assert_array_equal(starting_layouts(*given(nothing), 4, 0), [problem.system.fiducials_mm])
+    np.testing.assert_array_equal(list_layouts(nothing, 4, 0), [problem.system.fiducials_mm])
     outside = problem.system.fiducials_mm.copy()
     outside[0] = [80.0, 10.0, -200.0]
     moved = replace(problem, system=replace(problem.system, fiducials_mm=outside))
-    np.testing.assert_allclose(starting_layouts(*given(moved), 1, 0)[0][0], [50.0, 10.0, -90.0])
+    np.testing.assert_allclose(list_layouts(moved, 1, 0)[0][0], [50.0, 10.0, -90.0])
     mirrored = PROBLEMS["mirrored box"]
-    layout = starting_layouts(*given(mirrored), 1, 0)[0]
+    layout = list_layouts(mirrored, 1, 0)[0]
     kept = np.minimum(mirrored.system.fiducials_mm[::2], NOT_SYMMETRIC.high_mm)
     np.testing.assert_array_equal(layout[::2], kept)
     np.testing.assert_allclose(layout[1::2], layout[::2] * [-1.0, 1.0, 1.0], atol=1e-12)
@@ -142,7 +146,7 @@ def test_exchanged_starts_are_better_than_random_layouts(name: str) -> None:
     """independent: by the score's own linear model the worst of four starts beats the best of ten layouts drawn
     uniformly, rules or not."""
     problem, rng = PROBLEMS[name], np.random.default_rng(3)
-    exchanged = [_mean_square(problem, layout) for layout in starting_layouts(*given(problem), 5, 3)[1:]]
+    exchanged = [_mean_square(problem, layout) for layout in list_layouts(problem, 5, 3)[1:]]
     drawn = []
     for _ in range(10):
         layout = problem.system.fiducials_mm.copy()
@@ -161,8 +165,8 @@ def test_the_exchange_weighs_targets_by_their_limits() -> None:
     )
     near = replace(near, system=replace(near.system, targets=(*near.system.targets, far), connector_flange=turned))
     first = near.requirements[0]
-    alone = starting_layouts(*given(near), 3, 3)
+    alone = list_layouts(near, 3, 3)
     for limit, same in ((100.0, True), (first.limit, False)):
         second = replace(first, name="far", targets=("far",), limit=limit)
-        both = starting_layouts(*given(replace(near, requirements=(first, second))), 3, 3)
+        both = list_layouts(replace(near, requirements=(first, second)), 3, 3)
         assert np.array_equal(both, alone) == same

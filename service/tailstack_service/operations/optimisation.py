@@ -35,9 +35,8 @@ if TYPE_CHECKING:
 
 # The stages in their order, and what their steps are called
 STAGES = {
-    "view": "aim of the views", "layout": "starting layout", "programme": "programme", "point": "starting point",
-    "start": "start", "polish": "polishing", "settle": "exact law", "check": "check", "front": "point of the front",
-    "move": "layout with fewer moves",
+    "view": "aim of the views", "programme": "programme", "start": "start", "polish": "polishing",
+    "settle": "exact law", "check": "check", "front": "point of the front", "move": "layout with fewer moves",
 }  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 

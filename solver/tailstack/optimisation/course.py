@@ -63,9 +63,9 @@ def optimise(
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
     With a ``gap`` (0.01: 1 %) no more starts are solved once the best is that near to what no layout undercuts.
-    ``progress(stage, done, total, least objective so far)`` is called after every aim of views, layout to start from,
-    programme, point to start at, start, polished optimum, settled optimum, check, point of a front and layout
-    with fewer moves; what it raises ends the work.  ``stop()`` is polled; once it is true the best
+    ``progress(stage, done, total, least objective so far)`` is called after every aim of views, programme, start,
+    polished optimum, settled optimum, check, point of a front and layout with fewer moves; what it raises ends the
+    work.  ``stop()`` is polled; once it is true the best
     found so far is settled, verified and returned, ``certificate.stopped`` says so.  The design returned is verified:
     the upper confidence limit of every quantile, from a fresh seed, is within its limit.
 

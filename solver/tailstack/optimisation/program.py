@@ -53,6 +53,9 @@ QUIET: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.linear_solver": "mumps",
+    # Rows and variables are about 1 in size: to permute and scale the matrix anew in each step is a quarter of a solve.
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_scaling": 0,
     "ipopt.bound_relax_factor": 0.0,
     "show_eval_warnings": False,
 }

@@ -5,11 +5,13 @@ A solve starts, at a given layout, from half-widths that use up what the limits 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, count, islice
 from math import exp, inf, isnan, log
 from queue import SimpleQueue
 
@@ -77,10 +79,6 @@ class Control:
         if self.progress is not None:
             self.progress(stage, done, total, least)
 
-    def reporter(self, stage: str) -> Callable[[int, int], None]:
-        """Of the steps of one stage, without an objective."""
-        return lambda done, total: self.report(stage, done, total, None)
-
     def stops(self) -> bool:
         return self.stop is not None and self.stop()
 
@@ -134,7 +132,7 @@ class PreparedSearch:
 
     program: Program
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
-    starts: tuple[Start, ...]
+    starts: Starts
     ends: dict[int, Iterate]  # that are known already
     present: Array | None = None  # variables of the design as it stands, brought inside; start 0 has its layout
     enough: float = -inf  # the objective, as people read it, that ends the search
@@ -167,28 +165,31 @@ def prepare_search(
     terms = every_terms(problem)
     far = farthest(problem, terms)
     weigh = partial(weigh_candidates, problem, far[0]) if enough > -inf else None
-    layouts = starting_layouts(problem, far, starts, seed, control.reporter("layout"), weigh)
+    layouts = starting_layouts(problem, far, starts, seed, weigh)
     if problem.stay is not None:
-        layouts = [_within_reach(problem, problem.stay, take_nearest(problem, layout)) for layout in layouts]
-    active = terms
+        layouts = map(partial(_within_reach, problem, problem.stay), layouts)
+    active, first = terms, list(islice(layouts, 3 if len(terms) > MANY_DEMANDS else 1))
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
         here = present_choice(problem)
-        solid = [layout for layout in layouts[:3] if not is_singular(problem.system, layout)]
+        solid = [layout for layout in first if not is_singular(problem.system, layout)]
         choices = [replace(here, fiducials_mm=layout) for layout in solid]
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
-    lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
+    total = starts if problem.places else 1
+    lanes = min(usable_cores() if control.threads is None else control.threads, total)
     program = build_program(problem, active, lanes)
     control.report("programme", 1, 1, None)
-    prepared = replace(_prepare(program, terms, layouts, control), enough=enough)
-    if is_singular(problem.system, layouts[0]):
+    prepared = replace(_prepare(Starts(program, chain(first, layouts), total), terms), enough=enough)
+    if is_singular(problem.system, first[0]):
         return prepared
     return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))
 
 
 def _within_reach(problem: PlacementProblem, homes: Homes, layout: Array) -> Array:
-    """A layout (N, 3) with what is further from its place than it may move pulled back, within its region."""
+    """A layout (N, 3), each place taken by the nearest, with what is further than it may move pulled back, within its
+    region."""
+    layout = take_nearest(problem, layout)
     ways = np.nan_to_num(layout - homes.home_mm)
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
     over = np.maximum(lengths / (REACHED * homes.at_most_mm), 1.0) - 1.0
@@ -216,25 +217,22 @@ def hold_unmoved(search: Search) -> Search:
     return replace(search, program=program, iterates=(Iterate(point, item.parameters), *search.iterates[1:]))
 
 
-def _prepare(
-    program: Program, terms: tuple[DemandTerms, ...], layouts: list[Array], control: Control
-) -> PreparedSearch:
-    starts, ends = _lead(program, _starts(program, layouts, control))
-    return PreparedSearch(program, terms, tuple(starts), ends)
+def _prepare(starts: Starts, terms: tuple[DemandTerms, ...]) -> PreparedSearch:
+    led, ends = _lead(starts)
+    return PreparedSearch(starts.program, terms, led, ends)
 
 
 def explore(program: Program, terms: tuple[DemandTerms, ...], layouts: list[Array]) -> Search:
     """Solve from given layouts."""
-    return _solve_prepared(_prepare(program, terms, layouts, ALONE), ALONE)
+    return _solve_prepared(_prepare(Starts(program, layouts, len(layouts)), terms), ALONE)
 
 
 def _solve_prepared(prepared: PreparedSearch, control: Control) -> Search:
     return conclude_search(prepared, _solve_all(prepared.program, prepared.starts, control.stop), control)
 
 
-def solve_start(prepared: PreparedSearch, number: int) -> Point:
+def solve_start(prepared: PreparedSearch, start: Start) -> Point:
     """Where one start ends, on the first lane."""
-    start = prepared.starts[number]
     return solve(prepared.program, start.x, start.parameters)
 
 
@@ -244,18 +242,18 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
     Raises InfeasibleError, NotConvergedError when none converged, or when stopped before one did.
     """
     program, starts, ends = prepared.program, prepared.starts, dict(prepared.ends)
-    stopped, cut = f"all {len(starts)} starts were solved", False
+    stopped, cut = "", False
     with closing(points):  # what is still being solved is over before anything else is
-        for k, point in enumerate(points):
+        for k, (point, start) in enumerate(zip(points, starts, strict=False)):
             if point.solved and (k not in ends or point.objective < ends[k].point.objective):
-                ends[k] = Iterate(point, starts[k].parameters)
+                ends[k] = Iterate(point, start.parameters)
             least = min((objective_for_people(program, end.point.objective) for end in ends.values()), default=None)
-            control.report("start", k + 1, len(starts), least)
-            if control.stops() and k + 1 < len(starts):
-                stopped, cut = f"stopped on request after {k + 1} of {len(starts)} starts", True
+            control.report("start", k + 1, starts.total, least)
+            if control.stops() and k + 1 < starts.total:
+                stopped, cut = f"stopped on request after {k + 1} of {starts.total} starts", True
                 break
-            if least is not None and least <= prepared.enough and k + 1 < len(starts):
-                stopped = f"near enough to what no layout undercuts after {k + 1} of {len(starts)} starts"
+            if least is not None and least <= prepared.enough and k + 1 < starts.total:
+                stopped = f"near enough to what no layout undercuts after {k + 1} of {starts.total} starts"
                 break
     if not ends and cut:
         detail = f"{stopped}: none had converged"
@@ -266,7 +264,7 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
         if 0 not in ends or (point.solved and point.objective < ends[0].point.objective - TINY):
             ends[0] = Iterate(point, own.parameters) if point.solved else own
     if not ends:
-        last = _search_from_least(program, starts)
+        last = _search_from_least(program, list(starts))
         ends[next(k for k, start in enumerate(starts) if start.parameters is last.parameters)] = last
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = []
@@ -280,10 +278,10 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
         program=program,
         iterates=tuple(best),
         terms=prepared.terms,
-        starts=len(starts),
+        starts=starts.total,
         converged=len(ends),
         optima=local_optima(program, ends),
-        stopped=stopped,
+        stopped=stopped or f"all {starts.total} starts were solved",
     )
 
 
@@ -292,7 +290,7 @@ def _near_present(prepared: PreparedSearch) -> Iterate | None:
     quantiles nearly."""
     if prepared.present is None:
         return None
-    program, parameters = prepared.program, prepared.starts[0].parameters
+    program, parameters = prepared.program, next(iter(prepared.starts)).parameters
     x = prepared.present.copy()
     objective, values = (part.full().ravel() for part in program.constraints(x, parameters.vector(program, "main")))
     reached, quantiles = float(objective[0]), len(program.terms)
@@ -308,16 +306,17 @@ def _near_present(prepared: PreparedSearch) -> Iterate | None:
     return Iterate(nothing, parameters)
 
 
-def _lead(program: Program, starts: list[Start]) -> tuple[list[Start], dict[int, Iterate]]:
+def _lead(starts: Starts) -> tuple[Starts, dict[int, Iterate]]:
     """Starts, and the end of the most promising one where it had to be led to the feasible set.
 
     When no start is feasible even with its half-widths at their smallest: is there anything to find?  The smallest
     quantile is asked for from the best layouts, before all starts fail.  Raises InfeasibleError.
     """
-    ranked = sorted(starts, key=lambda start: start.tightest_ratio)
-    if ranked[0].tightest_ratio <= 1 or program.problem.objective == "quantile":
+    program = starts.program
+    if program.problem.objective == "quantile" or any(start.tightest_ratio <= 1 for start in starts):
         return starts, {}
-    first = starts.index(ranked[0])
+    ranked = sorted(starts, key=lambda start: start.tightest_ratio)
+    first = list(starts).index(ranked[0])
     least = least_quantile(program, ranked[:ATTEMPTS])
     if least.point.objective > 0:
         exact = evaluate_demands(program, least.point)
@@ -325,7 +324,7 @@ def _lead(program: Program, starts: list[Start]) -> tuple[list[Start], dict[int,
             raise explain_infeasible(program, least.point)
         # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
         corrected = corrections_at(program, program.split(least.point.x), exact)
-        starts = [replace(start, parameters=replace(start.parameters, corrections=corrected)) for start in starts]
+        starts = starts.correct(corrected)
         least = replace(least, parameters=replace(least.parameters, corrections=corrected))
     end = Iterate(solve(program, least.point.x, least.parameters), least.parameters)
     return starts, {first: end} if end.point.solved else {}
@@ -348,8 +347,12 @@ def objective_for_people(program: Program, objective: float) -> float:
     return float(np.exp(objective / 2 if program.problem.objective == "quantile" else objective))
 
 
-def _solve_all(program: Program, starts: tuple[Start, ...], stop: Stop | None) -> Points:
-    """The starts solved side by side, in their order: what a start ends at does not depend on the threads."""
+def _solve_all(program: Program, starts: Starts, stop: Stop | None) -> Points:
+    """The starts solved side by side, in their order: what a start ends at does not depend on the threads.
+
+    While they are solved the next are made, as many as there may be idle lanes: none where one thread does it all, and
+    the first answer is there before the second start.
+    """
     lanes: SimpleQueue[int] = SimpleQueue()
     for lane in range(len(program.explore)):
         lanes.put(lane)
@@ -361,20 +364,25 @@ def _solve_all(program: Program, starts: tuple[Start, ...], stop: Stop | None) -
         finally:
             lanes.put(lane)
 
+    room = 2 * len(program.explore) - 1
+    begun, remaining = deque[Future[Point]](), iter(starts)
     with ThreadPoolExecutor(len(program.explore), thread_name_prefix="tailstack-start") as pool:
-        futures = [pool.submit(solve_in_lane, start) for start in starts]
         try:
-            for future in futures:
-                _wait(future, futures, stop)
-                if future.cancelled():
+            while True:
+                for start in islice(remaining, room - len(begun)):
+                    begun.append(pool.submit(solve_in_lane, start))
+                if not begun:
                     return
-                yield future.result()
+                _wait(begun[0], begun, stop)
+                if begun[0].cancelled():
+                    return
+                yield begun.popleft().result()
         finally:  # a caller that stops listening does not wait for the starts that have not begun
-            for future in futures:
+            for future in begun:
                 future.cancel()
 
 
-def _wait(future: Future[Point], futures: list[Future[Point]], stop: Stop | None) -> None:
+def _wait(future: Future[Point], futures: Iterable[Future[Point]], stop: Stop | None) -> None:
     """Until a start is solved; on a wish to stop, those that have not begun are dropped."""
     while stop is not None and not future.done():
         try:
@@ -419,16 +427,6 @@ def rms_distance_mm(layout: Array, reference: Array) -> float:
     """Root mean square distance of two sets of points (N, 3), matched one to one so that it is least."""
     squared = cdist(layout, reference, "sqeuclidean")
     return float(np.sqrt(squared[linear_sum_assignment(squared)].mean()))
-
-
-def _starts(program: Program, layouts: list[Array], control: Control) -> list[Start]:
-    """Starts at the layouts that determine the targets: the present one may not, and be optimised for that."""
-    solid = [layout for layout in layouts if not is_singular(program.problem.system, layout)] or layouts
-    starts = []
-    for layout in solid:
-        starts.append(start_at(program, layout))
-        control.report("point", len(starts), len(solid), None)
-    return starts
 
 
 def least_quantile(program: Program, starts: list[Start]) -> Iterate:
@@ -506,6 +504,48 @@ class Start:
     x: Array
     parameters: Parameters
     tightest_ratio: float  # largest closed form over its limit with every free half-width at its smallest
+
+
+class Starts:
+    """Starts at the layouts that determine the targets: the present one may not, and be optimised for that.  Where none
+    does, at all.
+
+    Each is made when it is first asked for: the first is solved before the layout of the second is looked for.
+    """
+
+    def __init__(self, program: Program, layouts: Iterable[Array], count: int, made: Sequence[Start] = ()) -> None:
+        self.program = program
+        self._count, self._passed_over = count, list[Array]()
+        self._made, self._rest = list(made), map(partial(start_at, program), self._find_solid(layouts))
+
+    @property
+    def total(self) -> int:
+        """How many there are, made or not, as far as the layouts are known."""
+        return self._count - len(self._passed_over)
+
+    def __iter__(self) -> Iterator[Start]:
+        for k in count():
+            if k == len(self._made):
+                self._made.extend(islice(self._rest, 1))
+            if k == len(self._made):
+                return
+            yield self._made[k]
+
+    def correct(self, corrections: tuple[Correction, ...]) -> Starts:
+        """The same with the closed forms of the programme corrected."""
+        made = [replace(start, parameters=replace(start.parameters, corrections=corrections)) for start in self]
+        return Starts(self.program, (), len(made), made)
+
+    def _find_solid(self, layouts: Iterable[Array]) -> Iterator[Array]:
+        singular: list[Array] = []
+        for layout in layouts:
+            if is_singular(self.program.problem.system, layout):
+                singular.append(layout)
+            else:
+                self._passed_over = singular
+                yield layout
+        if self._passed_over is not singular:
+            yield from singular
 
 
 def start_at(program: Program, layout: Array) -> Start:

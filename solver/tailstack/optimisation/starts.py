@@ -9,7 +9,7 @@ their smallest; it costs about 5 ms and runs on the same compiled gains as the s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,24 +124,23 @@ def starting_layouts(
     terms: tuple[DemandTerms, ...],
     starts: int,
     seed: int,
-    progress: Callable[[int, int], None] | None = None,
     weigh: Callable[[list[Array]], list[Array]] | None = None,
-) -> list[Array]:
+) -> Iterator[Array]:
     """``starts`` layouts (N, 3) mm: the present one, clipped to its regions, then exchanged random ones; with weights
     (C,) of the candidates (C, G, 3) of each region, every second begins with those that weigh most.
 
-    Start k depends on (seed, k) alone, so that more starts only add.  ``progress(done, total)`` is called after each.
+    Start k depends on (seed, k) alone, so that more starts only add; it is drawn when it is asked for.
     """
     present = clip_to_regions(problem, problem.system.fiducials_mm)
+    yield present
     if not problem.places:
-        return [present]
+        return
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
     model = _exchange_model(problem, terms)
     # Fiducials that may coincide must not start so: with six of them the layout would be singular.
     least_gap = APART * max(diameter_mm(region) for region in regions)
     spacing = Spacing(max(float(problem.min_spacing_mm), least_gap), float(problem.min_projected_spacing_px))
-    layouts = [present]
     inverse = np.linalg.inv(problem.estimation.assumed_turn)
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
@@ -161,10 +160,7 @@ def starting_layouts(
         layout = present.copy()
         free = list(problem.free_fiducials)
         layout[free] = ((points - problem.estimation.assumed_shift_mm) @ inverse.T)[free]
-        layouts.append(clip_to_regions(problem, layout))
-        if progress is not None:
-            progress(k + 1, starts)
-    return layouts
+        yield clip_to_regions(problem, layout)
 
 
 def spacing_of(problem: PlacementProblem) -> Spacing:

@@ -11,6 +11,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -79,10 +80,9 @@ class RecordedSearcher:
         prepared = _prepare(*self.key, position)
         if isinstance(prepared, TailstackError):
             raise type(prepared)(prepared.problems)
-        points = self.ends.get(position)
-        if points is None:
-            points = [solve_start(prepared, number) for number in range(len(prepared.starts))]
-        return conclude_search(prepared, (point for point in points), ONE_THREAD)
+        recorded = self.ends.get(position)
+        solved = (solve_start(prepared, start) for start in prepared.starts)
+        return conclude_search(prepared, solved if recorded is None else (point for point in recorded), ONE_THREAD)
 
     def trace_front(self, position: int, search: Search) -> tuple[FrontPoint, ...]:
         prepared = _prepare(*self.key, position)
@@ -108,8 +108,8 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
         search = Search(prepared.program, _read_iterates(prepared, spec), prepared.terms, 0, 0, (), "")
         point = front_point(_task(*_key(request)), search, spec["number"], spec["factor"], ONE_THREAD)
         return canonical(_FRONT_POINT.dump_python(point))
-    numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.starts)))
-    return _bytes([solve_start(prepared, number) for number in numbers])
+    wanted = islice(prepared.starts, spec["first"], spec["first"] + spec["count"])
+    return _bytes([solve_start(prepared, start) for start in wanted])
 
 
 def _all_there(specs: list[bytes], held: Mapping[bytes, bytes]) -> None:
@@ -140,10 +140,11 @@ def _front_specs(task: OptimisationTask, position: int, search: Search, prepared
 
 
 def _read_iterates(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
+    starts = dict(enumerate(prepared.starts))
     return tuple(
         Iterate(
             _points(b64decode(item["point"]))[0],
-            (prepared.ends if item["led"] else prepared.starts)[item["start"]].parameters,
+            (prepared.ends if item["led"] else starts)[item["start"]].parameters,
         )
         for item in spec["found"]
     )
