@@ -95,13 +95,14 @@ def test_two_half_widths_bend_as_normal_ones_do_beside_a_third() -> None:
 
 @pytest.mark.parametrize("laws", MIXED)
 def test_a_slope_is_known_to_what_is_allowed_for(laws: tuple[Law, Law]) -> None:
-    """independent: by differences of the chance over five points."""
+    """independent: the chance by the law's own sum, and its slopes by differences over five points."""
     allowed, touch, step = allowed_of(priced(laws)), np.log(np.deg2rad([0.13, 0.1, 0.12])), 0.02
     tangent = cost_bound._touch(allowed, touch)
 
     def chance(logs: Array) -> float:
         return np.log(law_cdf(law_with(allowed.term, np.exp(logs), allowed.images), 0.8))
 
+    assert tangent.value == pytest.approx(chance(touch) - np.log(0.95), abs=2e-7)
     for side, slope in zip(step * np.eye(3), tangent.slope, strict=True):
         near, far = ((chance(touch + k * side) - chance(touch - k * side)) / (2 * k * step) for k in (1, 2))
         assert slope == pytest.approx((4 * near - far) / 3, abs=1e-6)

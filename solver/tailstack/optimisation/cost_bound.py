@@ -29,12 +29,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
-from math import exp, inf, log
+from math import exp, expm1, inf, log, log1p
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from ..design import Design
 from ..design.loading import locate_refusals
@@ -43,9 +42,10 @@ from ..kernels.store import kernel
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most, number
 from ..system import Law
-from ..tail.declared import evaluation_of
+from ..tail.declared import chance_gradient
 from .global_bound import (
     SAID,
+    SAMPLED,
     NoBound,
     certify_layout,
     columns_with,
@@ -67,12 +67,12 @@ from .terms import DemandTerms, every_terms
 
 NEAR = 0.01  # of the cost of what keeps the limits with L
 MOST_CELLS, LEAST_CELLS = 500, 80  # that are looked into; beside a search besides one for each start and variable
-COARSE = 1e-3  # of a quantile that only prunes
 FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
 SMALL = 0.03  # of what a relative change of all half-widths saves: one that saves less is held
-PARTS = 48  # of a cell along each half-width, for its least cost
+PARTS = 64  # of a cell along each half-width, for its least cost
+EDGES = np.linspace(0.0, 1.0, PARTS + 1)
 SPREAD = 2.0 ** np.linspace(-2, 2, 9)  # prices that are tried, about the one of the slopes, and then between two
-ON_LIMIT, LEAST_CHANCE = 2e-3, 1e-9  # of a cell's diagonal; of a probability
+ON_LIMIT, LEAST_CHANCE = 0.01, 1e-9  # relative, of half-widths; of a probability
 CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-6  # absolute, of a probability, and of a slope of its logarithm
 CERTAIN = 1e-6  # what a probability lacks to 1, of a limit that charges nothing
 ROUNDING = 1e-9  # relative, of the bound
@@ -85,8 +85,8 @@ class Allowed(NamedTuple):
     term: DemandTerms
     level: float  # of the quantile that keeps it
     images: Array  # (3, 3) mm^2
-    power: Array  # (K,) m of each free half-width; 0: normal among normal, or it does not act
-    order: Array  # (K,) n; 0 where m is
+    power: NDArray[np.int64]  # (K,) m of each free half-width; 0: normal among normal, or it does not act
+    order: NDArray[np.int64]  # (K,) n; 0 where m is
     acts: NDArray[np.bool_]  # (K,)
     held: NDArray[np.bool_]  # (K,) which stand at the least of a cell: not normal beside some that are, or cheap
 
@@ -112,6 +112,10 @@ class Tangent(NamedTuple):
     at: Array  # (K,) logarithms of half-widths
     value: float
     slope: Array  # (K,) D
+
+    def seen_from(self, logs: Array) -> Tangent:
+        """The same straight line, told at other half-widths."""
+        return Tangent(logs, self.value + float(self.slope @ (logs - self.at)), self.slope)
 
 
 def bound_any_layout(
@@ -232,7 +236,8 @@ def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> A
             laws[source.free] = source.law
     acts, normal = (np.array([law in some for law in laws]) for some in (FORM, (Law.NORMAL,)))
     held = acts & ~normal & normal.any()
-    power, order = np.array([FORM[law] if law and not normal.any() else (0, 0) for law in laws]).T
+    forms = np.array([FORM[law] if law and not normal.any() else (0, 0) for law in laws], dtype=np.int64)
+    power, order = np.ascontiguousarray(forms.T)
     return Allowed(term, _level_of(term), fit_images(net_of(problem, term), term, half_width), power, order, acts, held)
 
 
@@ -266,30 +271,27 @@ def bound_allocation(
     Raises NoBound.
     """
 
-    known: dict[bytes, float] = {}
-
-    def ratio(logs: Array, fine: bool = False) -> float:
-        if not fine and (before := known.get(logs.tobytes())) is not None:
-            return before
+    def ratio(logs: Array) -> float:
         each = ((law_with(own.term, np.exp(logs), own.images), own.level, own.limit_mm) for own in allowed)
-        largest = max(sure_quantile(law, level, fine) / limit for law, level, limit in each)
-        return largest if fine else known.setdefault(logs.tobytes(), largest / (1 + COARSE))
+        return max(sure_quantile(law, level) / limit for law, level, limit in each)
 
     low, high = np.log(problem.lower), np.log(problem.upper)
-    if ratio(low, True) > 1:
+    if ratio(low) > 1:
         return AllocationBound(inf)
     if _is_bought(problem):
-        bought = choose_grades([free.price for free in problem.half_widths], lambda width: ratio(np.log(width), True))
+        bought = choose_grades([free.price for free in problem.half_widths], lambda width: ratio(np.log(width)))
         return AllocationBound(bought.bound.lower_bound or 0.0)
-    if ratio(high) <= 1:
-        return AllocationBound(problem.cost(problem.upper))
     acts, held, bends = (np.any([getattr(own, name) for own in allowed], axis=0) for name in ("acts", "held", "power"))
     low, best, near, made = np.where(acts, low, high), inf, np.log(begin), count()
+    at = near
     for _ in range(FIRST):
-        touch = _on_limit(ratio, low, high, near)
-        best = min(best, problem.cost(np.exp(touch)))
-        near = _balance(problem, [_touch(each, touch) for each in allowed])
-    pull = _pull(problem, touch)
+        if (touch := _touch_on_limit(allowed, low, high, near)) is None:
+            return AllocationBound(inf)
+        if not touch.tangents:
+            return AllocationBound(problem.cost(problem.upper))
+        at = touch.at
+        best, near = min(best, problem.cost(np.exp(at))), _balance(problem, touch.tangents)
+    pull = _pull(problem, at)
     held |= bends & (pull < SMALL * pull[acts].sum())
     allowed = [each._replace(held=each.acts & held) for each in allowed]
 
@@ -305,14 +307,16 @@ def bound_allocation(
         if tangents:
             inside = (low <= tangents[0].at) & (tangents[0].at <= np.where(held, low, high))
             touched = bool((inside[held] if held.any() and not bends.any() else inside).all())
-        if least >= best * (1 - NEAR) or (not touched and ratio(low) > 1):
+        if least >= best * (1 - NEAR):
             return None
-        if not touched and ratio(reach := np.where(held, low, high)) > 1:
-            touch = _on_limit(ratio, low, reach, near)
-            if (cost := problem.cost(np.exp(touch))) < best:
-                best, near = cost, touch
-            tangents = tuple(_touch(each, touch) for each in allowed)
-            least = max(least, _least_cost(problem, allowed, tangents, low, high))
+        if not touched:
+            touch = _touch_on_limit(allowed, low, np.where(held, low, high), near, tangents)
+            if touch is None:
+                return None
+            if tangents := touch.tangents:
+                if (cost := problem.cost(np.exp(touch.at))) < best:
+                    best, near = cost, touch.at
+                least = max(least, _least_cost(problem, allowed, tangents, low, high))
         return Cell(least, next(made), low, high, tangents)
 
     cells = [cell for cell in (look(low, high),) if cell]
@@ -330,15 +334,41 @@ def bound_allocation(
     return AllocationBound(least * (1 - ROUNDING), least < best * (1 - NEAR))
 
 
-def _on_limit(ratio: Callable[[Array], float], low: Array, high: Array, near: Array) -> Array:
-    """(K,) logarithms in a cell that keep the limits just so, reached from those that are near along its diagonal."""
-    near = np.clip(near, low, high)
+class Touch(NamedTuple):
+    """Where a cell comes to its limits, and what is above the chances there."""
 
-    def along(s: float) -> Array:
-        return np.clip(near + s * (high - low), low, high)
+    at: Array  # (K,) logarithms of half-widths
+    tangents: tuple[Tangent, ...]  # one for each limit; none where all of the cell keeps them
 
-    on = brentq(lambda s: ratio(along(s)) - 1, -1.0, 1.0, xtol=ON_LIMIT)
-    return next(at for at in (along(on - step * ON_LIMIT) for step in (0, 1, 2, 4, 1 / ON_LIMIT)) if ratio(at) <= 1)
+
+def _touch_on_limit(
+    allowed: Sequence[Allowed], low: Array, high: Array, near: Array, known: Sequence[Tangent] = ()
+) -> Touch | None:
+    """Reached from half-widths that are near (K,), along the diagonal of a cell; None where nothing in the cell keeps
+    the limits.  known: tangents by which that is told before a law is asked.  Raises NoBound."""
+    if known:
+        told = _follow(lambda at: [own.seen_from(at) for own in known], low, high, near)
+        near = low if told is None else told.at
+    return _follow(lambda at: [_touch(each, at) for each in allowed], low, high, near)
+
+
+def _follow(see: Callable[[Array], list[Tangent]], low: Array, high: Array, near: Array) -> Touch | None:
+    """By Newton's method, with the tangents that are seen from each of the half-widths on the way."""
+    near, diagonal = np.clip(near, low, high), high - low
+    first, last, s = -1.0, 1.0, 0.0
+    while True:
+        at = np.clip(near + s * diagonal, low, high)
+        tangents = see(at)
+        over = min(tangent.value for tangent in tangents)
+        moved = diagonal * ((at < high) if over >= 0 else (at > low))
+        if not moved.any():
+            return Touch(at, ()) if over >= 0 else None
+        first, last = (s, last) if over >= 0 else (first, s)
+        step = min(tangent.value / max(-float(tangent.slope @ moved), LEAST_CHANCE) for tangent in tangents)
+        step = step if first < s + step < last else (first if over < 0 else last) / 2 - s / 2
+        if abs(step) * diagonal.max() <= ON_LIMIT:
+            return Touch(np.clip(at + step * moved, low, high), tuple(tangents))
+        s += step
 
 
 def _balance(problem: PlacementProblem, tangents: Sequence[Tangent]) -> Array:
@@ -359,18 +389,18 @@ def _pull(problem: PlacementProblem, logs: Array) -> Array:
 
 def _touch(each: Allowed, logs: Array) -> Tangent:
     """The bound that touches at half-widths on the limit."""
-    law = evaluation_of(law_with(each.term, np.exp(logs), each.images), 0.5)
-    chance = law.probability(each.limit_mm)
-    if chance > 1 - CERTAIN:  # no half-width takes from it, and no lattice may know its slopes
+    found = chance_gradient(law_with(each.term, np.exp(logs), each.images), each.limit_mm)
+    if found is None:
+        raise NoBound(SAMPLED)
+    chance, by = found
+    if chance > 1 - CERTAIN:  # no half-width takes from it
         return Tangent(logs, log((1 + CDF_ERROR) / each.level), np.zeros(len(logs)))
-    found = law.quantile(max(chance, LEAST_CHANCE))
-    by, columns = law.gradient([(found, 1.0)]), columns_with(each.term, np.exp(logs))
-    place, slope = np.cumsum(columns.wide) - 1, np.zeros(len(logs))
-    for j, source in enumerate(each.term.sources):
-        if source.free is not None and source.law is not Law.BOUNDED:
-            column = columns.gain[:, j] * columns.std[j]
-            grown = by.by_log_column[place[j]] if columns.wide[j] else 2 * column @ by.by_covariance @ column
-            slope[source.free] -= grown * found.density / chance
+    columns = columns_with(each.term, np.exp(logs))
+    normal = columns.gain * columns.std
+    grown = 2 * np.einsum("aj,ab,bj->j", normal, by.by_covariance, normal)
+    grown[columns.wide] = by.by_log_column
+    free = np.array([-1 if own.law is Law.BOUNDED or own.free is None else own.free for own in each.term.sources])
+    slope = np.bincount(free + 1, grown, len(logs) + 1)[1:] / max(chance, LEAST_CHANCE)
     return Tangent(logs, log((chance + CDF_ERROR) / each.level), each.slope_within(slope))
 
 
@@ -382,7 +412,7 @@ def _least_cost(
     In each part of a cell a price is above its value at the end, and that of a power law above its tangent; what the
     limits charge is concave, and so least at an end.
     """
-    edges = np.linspace(low, high, PARTS + 1, axis=1)
+    edges = low[:, None] + (high - low)[:, None] * EDGES
     step = (high - low)[:, None] / PARTS / 2
     cost = np.array([_cost(free.price, own) for free, own in zip(problem.half_widths, edges, strict=True)])
     exponent = [free.price.exponent * (free.price.curve == "power") for free in problem.half_widths]
@@ -441,13 +471,28 @@ def _cost(price: Price, logs: Array) -> Array:
 
 def _charge(each: Allowed, tangent: Tangent, edges: Array) -> Array:
     """(K, E): what stands above the logarithm of the chance, negative, of each half-width by itself."""
-    t, order, power = edges - tangent.at[:, None], each.order[:, None], np.maximum(each.power, 1)[:, None]
-    bent = each.bent_in(edges[:, -1] - edges[:, 0])[:, None]
+    slopes = np.stack([each.slope_within(tangent.slope + error) for error in (-SLOPE_ERROR, SLOPE_ERROR)])
+    bent = each.bent_in(edges[:, -1] - edges[:, 0])
+    return fill_charges(edges - tangent.at[:, None], np.where(each.held, 0.0, slopes), each.order, each.power, bent)
 
-    def above(error: float) -> Array:
-        slope = each.slope_within(tangent.slope + error)[:, None]
-        least = -np.log1p(np.maximum(slope / np.maximum(order, 1), -1 + ROUNDING)) / power  # from there on as much
-        risen = np.minimum(t, least)
-        return np.where(bent, (slope + order) * np.expm1(power * risen) / power - order * risen, slope * t)
 
-    return -np.where(each.held[:, None], 0.0, np.maximum(above(-SLOPE_ERROR), above(SLOPE_ERROR)))
+@kernel(nogil=True)
+def fill_charges(
+    t: Array, slopes: Array, order: NDArray[np.int64], power: NDArray[np.int64], bent: NDArray[np.bool_]
+) -> Array:
+    """(K, E): what stands above the logarithm of the chance, negative, at t (K, E) from where it touches, for the less
+    of two slopes (2, K); ``bent`` (K,) with m and n, else straight."""
+    found = np.empty(t.shape)
+    for j in range(t.shape[0]):
+        m, n = max(power[j], 1), order[j]
+        for e in range(t.shape[1]):
+            above = -inf
+            for i in range(2):
+                slope = slopes[i, j]
+                if bent[j]:
+                    risen = min(t[j, e], -log1p(max(slope / max(n, 1), -1 + ROUNDING)) / m)  # from there on as much
+                    above = max(above, (slope + n) * expm1(m * risen) / m - n * risen)
+                else:
+                    above = max(above, slope * t[j, e])
+            found[j, e] = -above
+    return found

@@ -67,6 +67,7 @@ SAID = 5  # digits of the bound, rounded down: as many as every machine agrees o
 INSIDE, INSIDE_ERROR = 1 - 1e-9, 1e-11  # how far L stays within its planes, and how far these may be rounded
 REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for unknowns of about one size
 LAST_BARRIER, WORST_CONDITION = 1e-5, 1e12
+SAMPLED = "the quantile of so many laws that are not normal is sampled"
 
 
 class AlikeBeads(NamedTuple):
@@ -340,11 +341,11 @@ def law_with(term: DemandTerms, half_width: Array, images: Array) -> LinearLaw:
     return replace(law, covariance=law.covariance + images)
 
 
-def sure_quantile(law: LinearLaw, p: float, fine: bool = True) -> float:
+def sure_quantile(law: LinearLaw, p: float) -> float:
     """Less what it may be too large by.  Raises NoBound where it is sampled."""
-    found = law_quantile(law, p, fine=fine)
+    found = law_quantile(law, p)
     if found.method == SAMPLED_METHOD:
-        raise NoBound("the quantile of so many laws that are not normal is sampled")
+        raise NoBound(SAMPLED)
     return found.quantile_mm - found.error_mm
 
 

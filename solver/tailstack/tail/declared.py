@@ -239,14 +239,18 @@ class DeclaredLaw:
         density = float(solution.density * r / solution.radius)
         return LawQuantile(p, float(r), density, LATTICE_METHOD, float(solution.error / density))
 
+    def _is_certain(self, r: float) -> bool:
+        """Whether nothing that counts is beyond r."""
+        farthest = np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)
+        return r * r >= self.frame.offset + float((farthest**2).sum())
+
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
         if r * r <= self.frame.offset:
             return 0.0
-        rho = sqrt(r * r - self.frame.offset)
-        if rho >= sqrt(((np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)) ** 2).sum()):
+        if self._is_certain(r):
             return 1.0
-        lattice = self._lattice
+        rho, lattice = sqrt(r * r - self.frame.offset), self._lattice
         if lattice is None or rho > self._largest:
             lattice = build(rho, self.frame, self.accuracy, False)
             self._lattice, self._largest = lattice, rho
@@ -257,6 +261,15 @@ class DeclaredLaw:
     def exceedance(self, r: float) -> float:
         """P(|e| > r)"""
         return 1.0 - self.probability(r)
+
+    def probability_gradient(self, r: float) -> tuple[float, LawGradient] | None:
+        """P(|e| <= r) and its derivatives, of one lattice; None: it has none."""
+        if r * r <= self.frame.offset or self._is_certain(r):
+            none = LawGradient(np.zeros(3), np.zeros((3, 3)), np.zeros(self.law.kinds.size))
+            return float(r * r > self.frame.offset), none
+        if (terms := self._terms_at([(r, 1.0)])) is None:
+            return None
+        return float(terms[0].even.sum()), self._lattice_gradient(terms[0])
 
     def excess(self, r: float) -> float:
         """E[(|e| - r)+] = int_r^R (1 - P(|e| <= x)) dx, mm, R at the end of the law."""
@@ -284,18 +297,22 @@ class DeclaredLaw:
         return total._replace(by_log_column=self._by_source(total.by_log_column))
 
     def _terms_of(self, mixture: Quantiles) -> list[_Terms] | None:
-        """Those of each quantile times ``-weight / density``, in space of all in one, on a lattice of the law moved to
-        mean 0, a decade finer than that of the quantiles; None: it has none."""
+        """:meth:`_terms_at` each quantile times ``-weight / density``; None: it has none."""
         if any(total.method == SAMPLED_METHOD or total.density == 0.0 for total, _ in mixture):
             return None
+        return self._terms_at([(total.quantile_mm, -weight / total.density) for total, weight in mixture])
+
+    def _terms_at(self, scaled: Sequence[tuple[float, float]]) -> list[_Terms] | None:
+        """Those of the probability at each radius, mm, times its scale, in space of all in one, on a lattice of the law
+        moved to mean 0, a decade finer than that of the quantiles; None: it has none."""
         accuracy, dimension = self.accuracy._replace(threshold=0.1 * self.accuracy.threshold), self.frame.dimension
         offset = self.frame.offset if dimension < 3 else 0.0
-        each = [(sqrt(total.quantile_mm**2 - offset), -weight / total.density) for total, weight in mixture]
+        each = [(sqrt(r**2 - offset), scale) for r, scale in scaled]
         lattice = build(max(each)[0], self.frame._replace(mean=np.zeros(3)), accuracy, True)
         if lattice.volume == 0.0:
             return None
         phase = lattice.k @ self.frame.mean
-        cosine, sine = np.cos(phase), np.sin(phase)
+        cosine, sine = (np.cos(phase), np.sin(phase)) if phase.any() else (np.ones(len(phase)), phase)
         if dimension == 3:
             ball = lattice.w * sum(scale * balls(radius, lattice.t) for radius, scale in each)
             return [_Terms(lattice.k, ball * cosine, ball * sine)]
@@ -371,6 +388,14 @@ class GaussianLaw:
     def exceedance(self, r: float) -> float:
         """P(|e| > r), to 1e-12 of itself."""
         return norm_sf(r, self.law.mean, self.law.covariance)
+
+    def probability_gradient(self, r: float) -> tuple[float, LawGradient]:
+        """P(|e| <= r) and its derivatives."""
+        chance, none = self.probability(r), np.zeros(self.law.kinds.size)
+        if not 0.0 < chance < 1.0:
+            return chance, LawGradient(np.zeros(3), np.zeros((3, 3)), none)
+        _, density, by_mean, by_covariance = norm_gradient_jit(self.law.mean, self.law.covariance, chance)
+        return chance, LawGradient(-density * by_mean, -density * by_covariance, none)
 
     def excess(self, r: float) -> float:
         """E[(|e| - r)+], mm."""
@@ -598,6 +623,12 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     if not r >= 0:
         raise ValueError(f"a radius must be >= 0 mm, got {r}")
     return evaluation_of(law, 0.5, fine).probability(float(r))
+
+
+def chance_gradient(law: LinearLaw, r: float) -> tuple[float, LawGradient] | None:
+    """P(|e| <= r) of one vector, r in mm, and its derivatives per mm, mm^2 and relative change of a column, as exact
+    as :func:`law_cdf`; None where the law would have to be sampled."""
+    return single_evaluation(law, 0.5).probability_gradient(r)
 
 
 MIXED_METHOD = "mixture over missed fiducials of exact laws"
