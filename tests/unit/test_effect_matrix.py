@@ -55,10 +55,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "effects.md"
 HEAD = """# Effects and who knows of them
 
-A source of error that a design can declare is a file of `solver/tailstack/effects/`, an *effect*. Each pair of an
-effect and a consumer is a test: the demo declares the effect, with what is typical of its numbers, and the consumer has
-to meet it. `./run test tests/unit/test_effect_matrix.py -k EFFECT-CONSUMER` runs one. That file writes this page, and
-holds the number of pairs.
+Each pair of an *effect*, a file of `solver/tailstack/effects/`, and a consumer is a test, which writes this page:
+`./run test tests/unit/test_effect_matrix.py -k EFFECT-CONSUMER`.
 
 """
 CELLS = 102  # of the matrix: it does not shrink

@@ -45,10 +45,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "measures.md"
 HEAD = """# Measures and who knows of them
 
-What a requirement may limit is a file of `solver/tailstack/measures/`, a *measure*
-([what each is](design.md#what-a-requirement-limits)). Each pair of a measure and a consumer is a test: the demo with a
-trajectory and a body has a requirement on it, and the consumer has to meet it.
-`./run test tests/unit/test_measure_matrix.py -k MEASURE-CONSUMER` runs one, and that file writes this page.
+Each pair of a [*measure*](design.md#what-a-requirement-limits), a file of `solver/tailstack/measures/`, and a consumer
+is a test, which writes this page: `./run test tests/unit/test_measure_matrix.py -k MEASURE-CONSUMER`.
 
 """
 MEASURES = (*STATED, *(MEASURE[name] for name in ("axial_above", "x_below", "localisation_y_above")))
