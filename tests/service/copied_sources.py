@@ -7,13 +7,13 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from service_scenes import ROOT
 
-from family import die_with_parent, ended, run_python
+from family import run_python, started
 from waiting import LIMIT_SECONDS
 
 COMMANDS = """
@@ -50,19 +50,9 @@ def path_of(source: Path) -> str:
     return os.pathsep.join([str(source), str(ROOT / "service")])
 
 
-@contextmanager
-def commands_on(variables: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+def commands_on(variables: Mapping[str, str]) -> AbstractContextManager[subprocess.Popen[str]]:
     """A process that has the copy of the sources loaded and runs one command after the other."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", COMMANDS],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=variables,
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
-        yield process
+    return started(sys.executable, "-c", COMMANDS, stdin=subprocess.PIPE, stderr=None, env=variables)
 
 
 def tailstack(copy: subprocess.Popen[str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:

@@ -9,14 +9,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
 from service_scenes import client_of
 
-from family import SOURCES, die_with_parent, ended
+from family import SOURCES, started
 from tailstack_service.cli.main import main
 from waiting import LIMIT_SECONDS, until
 
@@ -47,6 +47,11 @@ class Served:
         assert code == 0, err.getvalue()
         return out.getvalue()
 
+    def again(self) -> AbstractContextManager[subprocess.Popen[str]]:
+        """Another service in the place of this one, which has ended: at its address, on its database."""
+        command = (*COMMAND, "serve", "--port", self.url.rpartition(":")[2])
+        return started(*command, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
 
 def environment(directory: Path, **changes: str) -> dict[str, str]:
     """Nothing of the caller's settings, and a SQLite file below ``directory``."""
@@ -68,11 +73,7 @@ def serving(directory: Path, *arguments: str, **changes: str) -> Iterator[Served
     """
     log, variables = directory / "serve.log", environment(directory, **changes)
     command = [*COMMAND, "serve", "--port", "0", *arguments]
-    with log.open("w") as stderr:
-        process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=stderr, text=True, env=variables, preexec_fn=die_with_parent
-        )
-    with ended(process):
+    with log.open("w") as stderr, started(*command, stderr=stderr, env=variables) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         found = re.match(r"serving on (http://\S+)", line)

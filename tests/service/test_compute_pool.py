@@ -14,15 +14,16 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 import strange_units
 from strange_units import begun, expected_answer, request
 
-from family import die_with_parent, ended
+from family import started
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child, linux
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
@@ -180,9 +181,9 @@ def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest
     monkeypatch.setattr(birth, "_started", [])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
         engine.submit(task(), "x").result(LIMIT_SECONDS)
-    for nursery, started in birth._started:
+    for nursery, process in birth._started:
         nursery.wishes.close()
-        started.wait(LIMIT_SECONDS)
+        process.wait(LIMIT_SECONDS)
 
 
 def test_closing_leaves_no_process() -> None:
@@ -196,20 +197,9 @@ def test_closing_leaves_no_process() -> None:
     assert all(future.done() for future in futures)
 
 
-@contextmanager
-def running(program: str, *arguments: str, pass_fds: tuple[int, ...] = ()) -> Iterator[subprocess.Popen[str]]:
+def running(program: str, *arguments: str, **options: Any) -> AbstractContextManager[subprocess.Popen[str]]:
     """A process of its own, with a nursery of its own; nothing of it outlives the block."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=make_environment(),
-        pass_fds=pass_fds,
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
-        yield process
+    return started(sys.executable, "-c", program, *arguments, env=make_environment(), **options)
 
 
 PARENT = """

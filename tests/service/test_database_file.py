@@ -11,7 +11,6 @@ import os
 import shutil
 import signal
 import sqlite3
-import subprocess
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -53,17 +52,12 @@ BODY = {"design": small_design(), "trials": 1000}
 def disk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A disk of 24 MB if this user may mount one, else a directory."""
     folder = tmp_path_factory.mktemp("disk")
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", folder],
-        capture_output=True,
-        check=False,
-        timeout=LIMIT_SECONDS,
-    )
+    mounted = run_process("mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", folder)
     try:
         yield folder
     finally:
         if mounted.returncode == 0:
-            subprocess.run(["umount", "--lazy", folder], check=True, timeout=LIMIT_SECONDS)
+            run_process("umount", "--lazy", folder, check=True)
 
 
 @pytest.fixture(scope="module")

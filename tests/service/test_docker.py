@@ -29,7 +29,6 @@ from service_scenes import EXAMPLES, ROOT
 from family import COMMAND, run_process, run_python
 from tailstack_service.cli.main import build_parser
 from tailstack_service.settings import Settings, schemas
-from waiting import LIMIT_SECONDS
 
 DOCKER = ROOT / "docker"
 
@@ -146,16 +145,12 @@ def test_the_health_check_tells_ready_from_not(ready: int, code: int) -> None:
     *python, program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])
     assert python == ["python", "-I", "-c"]
     assert "8321" in program
-    done = subprocess.run(
-        [sys.executable, "-c", program.replace("8321", str(ready))], timeout=LIMIT_SECONDS, check=False
-    )
-    assert done.returncode == code
+    assert run_python("-c", program.replace("8321", str(ready))).returncode == code
 
 
 def test_the_health_check_fails_where_nothing_listens() -> None:
     program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])[-1].replace("8321", "9")
-    done = subprocess.run([sys.executable, "-c", program], timeout=LIMIT_SECONDS, check=False, capture_output=True)
-    assert done.returncode == 1
+    assert run_python("-c", program).returncode == 1
 
 
 def test_hadolint_has_nothing_to_say() -> None:
@@ -285,9 +280,7 @@ def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
             assert (DOCKER / source).is_file() if source.startswith(".") else source in COMPOSE["volumes"], entry
         assert set(service.get("secrets", ())) <= COMPOSE["secrets"].keys()
     made = {**os.environ, "SECRETS": str(tmp_path / "secrets")}
-    subprocess.run(
-        ["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=LIMIT_SECONDS, capture_output=True
-    )
+    run_process("sh", DOCKER / "make_secrets.sh", check=True, env=made)
     files = {Path(secret["file"]).name for secret in COMPOSE["secrets"].values()}
     assert {path.name for path in (tmp_path / "secrets").iterdir()} == files
     password = (tmp_path / "secrets" / "postgres_password").read_text()
@@ -296,9 +289,7 @@ def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
     assert f"password={password}\n" in service_file
     assert "host=postgres\n" in service_file
     assert (tmp_path / "secrets").stat().st_mode & 0o777 == 0o700
-    subprocess.run(
-        ["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=LIMIT_SECONDS, capture_output=True
-    )
+    run_process("sh", DOCKER / "make_secrets.sh", check=True, env=made)
     assert (tmp_path / "secrets" / "postgres_password").read_text() == password
 
 
@@ -383,7 +374,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The content of a wheel built from this checkout."""
     directory = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=LIMIT_SECONDS)
+    run_process(*command, cwd=ROOT, check=True)
     with zipfile.ZipFile(next(directory.glob("*.whl"))) as wheel:
         wheel.extractall(directory / "content")
     return directory / "content"

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
-from family import TAILSTACK, die_with_parent, ended
+from family import TAILSTACK, started
 from plain_data import read_cases
 from tailstack.design import load_design
 from tailstack.results.tables import Table
@@ -162,14 +162,11 @@ def run_in_terminal(width: int, *arguments: str) -> str:
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
     environment = {key: value for key, value in os.environ.items() if key != "COLUMNS"}
-    process = subprocess.Popen(
-        [*TAILSTACK, *arguments],
-        stdout=slave, stderr=subprocess.DEVNULL, cwd=ROOT, env={**environment, "NO_COLOR": "1"},
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
-    os.close(slave)
+    told = {**environment, "NO_COLOR": "1"}
+    command = started(*TAILSTACK, *arguments, stdout=slave, stderr=subprocess.DEVNULL, cwd=ROOT, env=told)
     said = b""
-    with os.fdopen(master, "rb", buffering=0) as terminal, ended(process):
+    with os.fdopen(master, "rb", buffering=0) as terminal, command as process:
+        os.close(slave)
         with suppress(OSError):  # so a terminal ends that nobody writes to any more
             while piece := terminal.read(65536):
                 said += piece

@@ -6,7 +6,7 @@ import re
 import shutil
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ import pytest
 from postgres import go_without
 from service_scenes import ROOT, check_problem, client_of, client_with, read_answer, small_design
 
-from family import die_with_parent, ended
+from family import started
 from plain_data import places_of, value_at
 from tailstack_service.console.remote import RemoteService
 from tailstack_service.http.prefix import Prefix, read_root_path
@@ -190,24 +190,21 @@ class Proxy:
 
 
 @contextmanager
-def before(api: int, folder: Path) -> Iterator[Proxy]:
+def proxying(folder: Path, configure: Callable[[int], str]) -> Iterator[Proxy]:
+    """nginx with a file that is made for the port on which it is to listen."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    (folder / "nginx.conf").write_text(quick((ROOT / "docker" / "nginx.conf").read_text(), folder, port, api))
-    command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
-    command += ["-g", "daemon off; master_process off;"]
+    (folder / "nginx.conf").write_text(configure(port), encoding="utf-8")
+    options = ("-c", folder / "nginx.conf", "-e", folder / "error.log", "-g", "daemon off; master_process off;")
     proxy = Proxy(port, folder)
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=die_with_parent
-    )
+    with started(NGINX, *options, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
 
-    def answers() -> bool:
-        assert process.poll() is None, proxy.log()
-        with suppress(OSError), proxy.connect():
-            return True
-        return False
+        def answers() -> bool:
+            assert process.poll() is None, proxy.log()
+            with suppress(OSError), proxy.connect():
+                return True
+            return False
 
-    with ended(process):
         until(answers, says=proxy.log)
         yield proxy
 
@@ -217,8 +214,11 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Places]:
     if not Path(NGINX).exists():
         go_without("nginx", "nginx is not installed")
     folder = tmp_path_factory.mktemp("nginx")
-    with client_with(Settings()) as service, before(service.base_url.port or 0, folder) as proxy:
-        yield proxy, service
+    shipped = (ROOT / "docker" / "nginx.conf").read_text(encoding="utf-8")
+    with client_with(Settings()) as service:
+        api = service.base_url.port or 0
+        with proxying(folder, lambda port: quick(shipped, folder, port, api)) as proxy:
+            yield proxy, service
 
 
 def closed(connection: socket.socket, drip: bytes = b"") -> bool:

@@ -8,7 +8,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -24,7 +23,7 @@ from openapi_scenes import ended_job
 from served import COMMAND, serving
 from service_scenes import EXAMPLES, ask, client_of, small_design
 
-from family import SOURCES, die_with_parent, ended
+from family import SOURCES, run_process, run_python, started
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import ServerSentEvent, read_events
 from waiting import LIMIT_SECONDS, until
@@ -38,9 +37,8 @@ def environment(**changes: str) -> dict[str, str]:
 
 
 def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    changes = options.pop("env", {})
-    options |= {"capture_output": True, "text": True, "encoding": "utf-8", "timeout": LIMIT_SECONDS}
-    return subprocess.run([*COMMAND, *arguments], env=environment(**changes), **options)
+    told = environment(**options.pop("env", {}))
+    return run_process(*COMMAND, *arguments, env=told, encoding="utf-8", **options)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str, **changes: str) -> tuple[int, str]:
@@ -69,15 +67,11 @@ def test_problems_from_stdin_name_it_and_its_line() -> None:
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "schema", "design"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(),
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
+    with started(*COMMAND, "schema", "design", env=environment()) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
-        assert process.stderr.read() == b""
+        assert process.stderr.read() == ""
         assert process.wait(LIMIT_SECONDS) == 0
 
 
@@ -85,14 +79,7 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
     """Standard output opened for reading only: every write fails, as on a full disk."""
     (tmp_path / "read-only").touch()
     with open(tmp_path / "read-only") as unwritable:
-        done = subprocess.run(
-            [*COMMAND, "schema"],
-            stdout=unwritable,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment(),
-            timeout=LIMIT_SECONDS,
-        )
+        done = run("schema", stdout=unwritable)
     assert done.returncode == 3
     assert "next: " in done.stderr
     assert "Traceback" not in done.stderr
@@ -409,11 +396,7 @@ def test_authentication_that_cannot_work_is_2_and_named(
 
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
 def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "verify", DEMO, "--trials", "2000000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(), preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
+    with started(*COMMAND, "verify", DEMO, "--trials", "2000000000", env=environment()) as process:
         assert process.stderr is not None
         line = process.stderr.readline()  # of progress
         assert line.startswith("verify: ")
@@ -442,10 +425,7 @@ def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
 def test_an_interrupt_is_heard_and_ends_with_the_code(run: str, tmp_path: Path) -> None:
     program = f"import ctypes, signal\nfrom tailstack_service.cli import main\n{run}main._run = run\nmain.command()\n"
     (tmp_path / "interrupted.py").write_text(program, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "interrupted"], capture_output=True, text=True, cwd=tmp_path, env=environment(),
-        timeout=LIMIT_SECONDS,
-    )  # fmt: skip
+    done = run_python("-m", "interrupted", cwd=tmp_path, env=environment())
     assert (done.returncode, done.stderr) == (130, "tailstack: interrupted\n")
 
 
@@ -459,9 +439,7 @@ limit_memory(600_000_000)
 refused = perform(partial(bytearray, 900_000_000))
 print(refused.slug, refused.problems[0].hint)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-    )
+    done = run_python("-c", program)
     assert done.returncode == 0, done.stderr
     assert "limit-exceeded" in done.stdout
     assert "TAILSTACK_MAX_PROCESS_BYTES" in done.stdout

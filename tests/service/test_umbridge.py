@@ -16,7 +16,7 @@ from door_pages import run_page
 from scipy import stats
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent, run_process
+from family import run_process, started
 from tailstack import DesignFunction, compile_design, load_design
 from tailstack.montecarlo.chain import evaluate
 from tailstack.montecarlo.plan import compile_plan
@@ -42,13 +42,9 @@ def answers(url: str) -> bool:
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, str(EXAMPLE), str(DEMO), str(port)]
-    with subprocess.Popen(command, preexec_fn=die_with_parent, stdout=subprocess.DEVNULL) as program:
-        try:
-            until(lambda: answers(f"http://127.0.0.1:{port}"))
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            program.kill()
+    with started(sys.executable, EXAMPLE, DEMO, str(port), stdout=subprocess.DEVNULL, stderr=None):
+        until(lambda: answers(f"http://127.0.0.1:{port}"))
+        yield f"http://127.0.0.1:{port}"
 
 
 @pytest.fixture(autouse=True)

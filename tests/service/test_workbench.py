@@ -11,7 +11,6 @@ import re
 import shlex
 import shutil
 import signal
-import subprocess
 import zipfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -25,7 +24,7 @@ from openapi_scenes import pinned_tools
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT, ask
 
-from family import die_with_parent, ended
+from family import run_process
 from optimise_documents import document, moving, optimised
 from tailstack import load_design, score
 from tailstack_service.documents import to_json
@@ -117,16 +116,11 @@ def test_the_whole_job_by_keyboard(service: Served) -> None:
 @pytest.mark.long
 def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, browser: None) -> None:
     with served(tmp_path) as running, playing(SCRIPT, **asked(running.url, "restart")) as page, ExitStack() as stack:
-        port = running.url.rpartition(":")[2]
         assert page.said() == "kill"
         os.kill(running.pid, signal.SIGKILL)
         running.process.wait(LIMIT_SECONDS)
         assert page.said() == "told"  # the page says that nobody answers
-        again = subprocess.Popen(
-            [*COMMAND, "serve", "--port", port], env=running.environment, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, preexec_fn=die_with_parent,
-        )  # fmt: skip
-        stack.enter_context(ended(again))
+        stack.enter_context(running.again())
         assert page.found()["sha"]
 
 
@@ -175,7 +169,7 @@ def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
     (tmp_path / found["name"]).write_text(found["yaml"], encoding="utf-8")
 
     def run(*command: str, code: int = 0) -> str:
-        done = subprocess.run(command, cwd=tmp_path, env=service.environment, capture_output=True, text=True)
+        done = run_process(*command, cwd=tmp_path, env=service.environment)
         assert done.returncode == code, done.stdout + done.stderr
         return done.stdout
 
@@ -448,13 +442,7 @@ def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
     generate.make_typescript(tmp_path / "openapi/typescript")
     (work / "node_modules").symlink_to(modules)
     for command in (["tsc", "--noEmit"], ["vite", "build", "--logLevel", "warn"]):
-        done = subprocess.run(
-            [modules / ".bin" / command[0], *command[1:]],
-            cwd=work,
-            capture_output=True,
-            text=True,
-            timeout=3 * LIMIT_SECONDS,
-        )
+        done = run_process(modules / ".bin" / command[0], *command[1:], cwd=work, timeout=3 * LIMIT_SECONDS)
         assert done.returncode == 0, done.stdout + done.stderr
     fresh = tmp_path / "service" / "tailstack_service" / "workbench"
     names = sorted(str(path.relative_to(fresh)) for path in fresh.rglob("*") if path.is_file())

@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import re
-import socket
-import subprocess
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +16,9 @@ import yaml
 from browsing import DEMO, used
 from served import Served, served
 from service_scenes import EXAMPLES, ask
-from test_prefix import NGINX
+from test_prefix import NGINX, proxying
 
-from family import die_with_parent, ended
 from tailstack import load_design, score, score_batch
-from waiting import until
 
 pytestmark = pytest.mark.long
 SHOTS = 20_000
@@ -186,9 +182,9 @@ def test_beads_as_people_have_them_are_taken_or_it_is_said_how(service: Served) 
 @contextmanager
 def proxy(api: str, folder: Path, passes_on: bool) -> Iterator[str]:
     """nginx that gives a service a path, and cuts it off again or not; yields the address with that path."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    conf = f"""
+
+    def configure(port: int) -> str:
+        return f"""
         events {{}}
         pid {folder}/pid;
         http {{
@@ -203,19 +199,9 @@ def proxy(api: str, folder: Path, passes_on: bool) -> Iterator[str]:
             }}
           }}
         }}"""
-    (folder / "nginx.conf").write_text(conf, encoding="utf-8")
-    command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
-    command += ["-g", "daemon off; master_process off;"]
-    process = subprocess.Popen(command, preexec_fn=die_with_parent)
 
-    def answers() -> bool:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
-            return True
-        return False
-
-    with ended(process):
-        until(answers, says=lambda: (folder / "error.log").read_text())
-        yield f"http://127.0.0.1:{port}{BELOW}"
+    with proxying(folder, configure) as running:
+        yield f"http://127.0.0.1:{running.port}{BELOW}"
 
 
 @pytest.mark.skipif(not Path(NGINX).exists(), reason="NOT TESTED: nginx is not installed")

@@ -10,7 +10,6 @@ import copy
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -24,11 +23,11 @@ from openapi_scenes import pinned_tools
 from page_in_node import SOURCES, in_node
 from service_scenes import EXAMPLES, ROOT
 
+from family import run_process
 from tailstack import load_design, score
 from tailstack.design import DEFAULT_LIMITS
 from tailstack.design.fiducial_files import read_fiducials
 from tailstack_service.documents import to_json
-from waiting import LIMIT_SECONDS
 
 NAMES = [
     "demo", "first_carrier", "flat_plate", "locators_321", "small_cluster_far_target", "tube_carrier",
@@ -236,8 +235,7 @@ def test_what_mixes_two_kinds_does_not_compile(tmp_path: Path) -> None:
     templates = "service/tailstack_service/report/templates"
     shutil.copytree(ROOT / templates, tmp_path / templates)
     generate.make_typescript(tmp_path / "openapi/typescript")
-    command = [str(modules / ".bin" / "tsc"), "--noEmit"]
-    done = subprocess.run(command, cwd=work, capture_output=True, text=True, timeout=LIMIT_SECONDS)
+    done = run_process(modules / ".bin" / "tsc", "--noEmit", cwd=work)
     assert done.returncode == 0, done.stdout
 
 

@@ -11,7 +11,6 @@ import os
 import random
 import re
 import signal
-import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,11 +21,10 @@ import pytest
 import yaml
 from browsing import DEMO, asked, playing, used
 from scipy.stats import qmc
-from served import COMMAND, Served, served
+from served import Served, served
 from service_scenes import EXAMPLES
 from test_page_modules import call_page
 
-from family import die_with_parent, ended
 from plain_data import replaced, value_at
 from tailstack import load_design, score
 from tailstack.optimisation.present import merit_as_written
@@ -251,11 +249,7 @@ def test_a_kill_in_the_middle_is_said_and_a_change_of_the_design_stops_it(tmp_pa
         os.kill(running.pid, signal.SIGKILL)
         running.process.wait(LIMIT_SECONDS)
         assert page.said() == "told"
-        again = subprocess.Popen(
-            [*COMMAND, "serve", "--port", running.url.rpartition(":")[2]], env=running.environment,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=die_with_parent,
-        )  # fmt: skip
-        stack.enter_context(ended(again))
+        stack.enter_context(running.again())
         found = page.found()
     assert found["problems"] == 0
     assert found["stopped"] == [1, 0]

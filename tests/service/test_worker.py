@@ -10,8 +10,6 @@ import logging
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +21,7 @@ import sqlalchemy as sa
 from strange_units import begun, expected_answer, request, units_begun
 from worker_scenes import TENANT, Stops, finished, job, prepared_database, submit, working
 
+from family import run_python
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
 from tailstack_service.jobs import worker
@@ -31,7 +30,7 @@ from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.birth import running_code
 from turned_clock import TurnedClock
-from waiting import LIMIT_SECONDS, until
+from waiting import until
 
 ROOT = Path(__file__).parents[2]
 LEASE = 30.0  # s, by a clock that is turned
@@ -232,11 +231,7 @@ def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) ->
 
     def named() -> str:
         code = "from tailstack_service.processes.birth import running_code; print(running_code())"
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
-            timeout=LIMIT_SECONDS, check=True, cwd=tmp_path,
-        )  # fmt: skip
-        return done.stdout.strip()
+        return run_python("-P", "-c", code, said={"PYTHONPATH": path}, check=True, cwd=tmp_path).stdout.strip()
 
     assert named() == running_code()
     for file in ("solver/tailstack/tail/lattice.py", "service/tailstack_service/operations/units/parts.py"):

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from family import die_with_parent, ended, run_process
+from family import read_until, run_process, started
 from scenes import system_of
 from tailstack import __version__
 from tailstack.montecarlo.chain import run_indices
@@ -42,12 +42,8 @@ def test_others_are_what_the_machine_computed_and_we_did_not(bench: ModuleType) 
 
 def test_what_a_child_computes_is_ours_while_it_runs_and_after_it_has_ended(bench: ModuleType) -> None:
     before = bench.read_processors()
-    started = subprocess.Popen(
-        [sys.executable, "-c", BURN], stdin=subprocess.PIPE, stdout=subprocess.PIPE, preexec_fn=die_with_parent
-    )
-    with ended(started) as child:
-        assert child.stdout is not None
-        child.stdout.readline()
+    with started(sys.executable, "-c", BURN, stdin=subprocess.PIPE) as child:
+        read_until("\n", child.stdout)
         running = bench.read_processors()
         child.communicate(timeout=LIMIT_SECONDS)
     after = bench.read_processors()

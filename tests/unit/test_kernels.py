@@ -24,7 +24,7 @@ from typing import Any
 
 import pytest
 
-from family import die_with_parent, ended, run_process
+from family import run_process, started
 from tailstack.kernels import calls, process, processor, sources, store
 from waiting import LIMIT_SECONDS
 
@@ -301,15 +301,9 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> Non
     made = checkout(tmp_path / "one", tmp_path / "store")
     program = ASK.format(before="") + "answer(1); answer(1.0 + 0j); print(answer(2), answer(2.0), answer(1j))"
     given = {**os.environ, "PYTHONPATH": str(made.root), "NUMBA_CACHE_DIR": str(made.store)}
-    command = [sys.executable, "-c", program]
     with ExitStack() as stack:
-        started = [
-            subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
-            for _ in range(3)
-        ]
-        for process in started:
-            stack.enter_context(ended(process))
-        said = {process.communicate(timeout=LIMIT_SECONDS)[0].splitlines()[-1] for process in started}
+        processes = [stack.enter_context(started(sys.executable, "-c", program, env=given)) for _ in range(3)]
+        said = {process.communicate(timeout=LIMIT_SECONDS)[0].splitlines()[-1] for process in processes}
     assert said == {"30.0 30.0 (10+10j)"}
     done = made.run(program + "; print(store.TRAFFIC.compiled)")
     assert done.stdout.splitlines()[-1] == "30.0 30.0 (10+10j)\n0".splitlines()[-1], done.stderr

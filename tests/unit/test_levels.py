@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 import reference_chain
 import tailstack
+from family import run_python
 from plain_data import DEMO, EXAMPLES
 from scenes import cube8_system, mount, with_noise
 from tailstack.design import compile_design, load_design
@@ -201,9 +201,8 @@ def test_one_level_more_is_one_value() -> None:
     source = LEVELS.read_text(encoding="utf-8")
     with_weeks = source.replace('    SHOT = "shot"', '    WEEK = "week"\n    SHOT = "shot"')
     assert len(with_weeks.splitlines()) == len(source.splitlines()) + 1
-    places = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
-    command = [sys.executable, "-c", ONE_MORE]
-    answer = subprocess.run(command, input=with_weeks, capture_output=True, text=True, check=True, env=places)
+    places = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    answer = run_python("-c", ONE_MORE, input=with_weeks, check=True, said={"PYTHONPATH": places})
     mountings, weeks = json.loads(answer.stdout)
     assert json.dumps(mountings).replace("mounting", "week") == json.dumps(weeks)
     assert [check[2] for check in weeks["checks"]] == ["P95 that 90 % of weeks keep"] * 2

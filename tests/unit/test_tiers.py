@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import subprocess
 import sys
 from functools import cache
 from itertools import pairwise
@@ -18,7 +17,7 @@ import psutil
 import pytest
 
 import tiers
-from family import die_with_parent, ended, run_process
+from family import read_until, run_process, started
 from tiers import SIDE_BY_SIDE
 from waiting import LIMIT_SECONDS
 
@@ -299,12 +298,8 @@ signal.pause()
 @pytest.mark.skipif(sys.platform != "linux", reason="what a parent's end does to its children is Linux's own")
 def test_what_a_killed_test_started_does_not_run_on() -> None:
     """A child of an interrupted test once computed for half an hour, with 5 GB."""
-    started = subprocess.Popen(
-        [sys.executable, "-c", PARENT], cwd=CONFTEST.parent, stdout=subprocess.PIPE, preexec_fn=die_with_parent
-    )
-    with ended(started) as parent:
-        assert parent.stdout is not None
-        child = psutil.Process(int(parent.stdout.readline()))
+    with started(sys.executable, "-c", PARENT, cwd=CONFTEST.parent) as parent:
+        child = psutil.Process(int(read_until("\n", parent.stdout)))
         parent.kill()  # it alone: what it started has to end by itself
         psutil.wait_procs([child], timeout=LIMIT_SECONDS)
         running = child.is_running() and child.status() != psutil.STATUS_ZOMBIE
@@ -332,16 +327,8 @@ def test_what_a_failed_test_started_ends_with_it() -> None:
     idle = "[sys.executable, '-c', 'import signal; signal.pause()']"
     family = f"import signal, subprocess, sys; child = subprocess.Popen({idle})"
     with pytest.raises(ZeroDivisionError):  # noqa: PT012, SIM117
-        with ended(
-            subprocess.Popen(
-                [sys.executable, "-c", family + "; print(child.pid, flush=True); signal.pause()"],
-                stdout=subprocess.PIPE,
-                text=True,
-                preexec_fn=die_with_parent,
-            )
-        ) as process:
-            assert process.stdout is not None
-            members = [psutil.Process(int(process.stdout.readline())), psutil.Process(process.pid)]
+        with started(sys.executable, "-c", family + "; print(child.pid, flush=True); signal.pause()") as process:
+            members = [psutil.Process(int(read_until("\n", process.stdout))), psutil.Process(process.pid)]
             1 / 0  # noqa: B018
     psutil.wait_procs(members, timeout=LIMIT_SECONDS)
     assert not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in members)
