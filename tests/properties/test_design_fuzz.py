@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from damage import damaged
-from plain_data import EVERY, replaced
+from plain_data import EVERY, places_of, replaced
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
@@ -56,13 +56,6 @@ def attempt(source, **options):
     return error
 
 
-def paths(node, here=()):
-    yield here
-    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    for key, child in items:
-        yield from paths(child, (*here, key))
-
-
 scalars = (
     st.none()
     | st.booleans()
@@ -81,7 +74,7 @@ data = st.recursive(
     ),
     max_leaves=12,
 )
-PLACES = [(stem, path) for stem, document in sorted(ALL.items()) for path in paths(document)]
+PLACES = [(stem, path) for stem, document in sorted(ALL.items()) for path in places_of(document)]
 
 
 @pytest.mark.long

@@ -71,10 +71,7 @@ def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> Non
     assert check_problem(answer, 422, "invalid-request")["errors"][0]["hint"] == "did you mean precision?"
 
 
-@pytest.mark.parametrize(
-    ("method", "path", "meant"),
-    read_cases("http", "routes"),
-)
+@pytest.mark.parametrize(("method", "path", "meant"), read_cases("http", "routes"))
 def test_a_route_that_is_misspelt_is_answered_with_the_nearest(
     client: httpx.Client, method: str, path: str, meant: str | None
 ) -> None:

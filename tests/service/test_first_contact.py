@@ -160,12 +160,11 @@ def test_a_report_that_is_named_otherwise_than_its_format_is_refused(refused: An
 
 
 def test_a_service_without_a_place_for_its_database_says_how_to_name_one(
-    call: Any, monkeypatch: pytest.MonkeyPatch, loggers: None
+    refused: Any, monkeypatch: pytest.MonkeyPatch, loggers: None
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/nobody")
     monkeypatch.delenv("TAILSTACK_DATABASE", raising=False)
-    code, _, err = call("serve", "--port", "0")
-    assert code == 2
+    err = refused("serve", "--port", "0")
     assert "/proc/nobody cannot be written (" in err
     assert "--database or TAILSTACK_DATABASE names another place" in err
 

@@ -328,13 +328,12 @@ def test_a_gate_that_is_broken_off_leaves_files_that_say_so(
 
 
 def test_a_baseline_without_numbers_compares_nothing_and_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str], refused: Any
 ) -> None:
     assert gate("absent.yaml") == 2
     os.replace("out.json", "base.json")
     capsys.readouterr()
-    assert gate("good.yaml", "--baseline", "base.json") == 2
-    assert "it has no numbers to compare with" in capsys.readouterr().err
+    assert "it has no numbers to compare with" in refused("gate", "good.yaml", "--baseline", "base.json")
 
 
 def test_the_summary_of_a_step_is_appended_and_never_too_long(
@@ -427,12 +426,8 @@ def test_every_rule_has_a_page(rule: str, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize(("arguments", "words"), read_cases("gate", "options"))
-def test_what_is_no_option_is_refused_with_2(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
-    assert judge_plainly("good.yaml", *arguments) == 2
-    shown = capsys.readouterr()
-    assert (words in shown.err, shown.out) == (True, "")
+def test_what_is_no_option_is_refused_with_2(folder: Path, refused: Any, arguments: list[str], words: str) -> None:
+    assert words in refused("gate", "good.yaml", *arguments, "--policy", "policy.yaml", "--mode", "analytic")
 
 
 # --- report ---------------------------------------------------------------------------------------
@@ -443,10 +438,7 @@ def test_reports_of_two_revisions_stay_apart() -> None:
     assert [_stem(name) for name in names] == ["guide.v1", "guide.v2", "guide", "guide", "guide", "guide", ".yaml"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    read_cases("gate", "reports"),
-)
+@pytest.mark.parametrize(("arguments", "words"), read_cases("gate", "reports"))
 def test_what_cannot_be_reported_is_refused_with_2(
     folder: Path, refused: Any, arguments: list[str], words: str
 ) -> None:

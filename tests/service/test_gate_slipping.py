@@ -161,26 +161,21 @@ def test_what_asks_for_as_much_or_more_is_no_finding(after: list[dict[str, Any]]
     assert record.exit_code == 0
 
 
-def test_a_requirement_of_all_targets_that_keeps_one_fails() -> None:
-    record = judge_files(
-        {"guide.yaml": design(changed(targets=["side"]), targets=TWO)}, baseline=baseline(PROMISE, targets=TWO)
-    )
+@pytest.mark.parametrize(
+    ("after", "pointer", "words"),
+    [
+        (design(changed(targets=["side"]), targets=TWO), "/requirements/0/targets", "not asked for any more at target"),
+        (design(PROMISE, targets=TWO[1:]), "/targets", "no error at target tip"),
+        (design(PROMISE, targets=[{"name": "tip", "position_mm": [0, 0, 10]}, TWO[1]]), "/targets/0",
+         "by up to 60 mm, at target tip"),
+    ],
+    ids=["of all it keeps one", "one went", "one moved"],
+)  # fmt: skip
+def test_a_target_that_is_kept_no_longer_fails(after: dict[str, Any], pointer: str, words: str) -> None:
+    record = judge_files({"guide.yaml": after}, baseline=baseline(PROMISE, targets=TWO))
     (finding,) = of_rule(record, "limit-relaxed")
-    assert (finding.pointer, record.exit_code) == ("/requirements/0/targets", 1)
-    assert "not asked for any more at target tip" in finding.message
-
-
-def test_a_target_that_went_or_moved_fails() -> None:
-    before = baseline(PROMISE, targets=TWO)
-    record = judge_files({"guide.yaml": design(PROMISE, targets=TWO[1:])}, baseline=before)
-    (finding,) = of_rule(record, "limit-relaxed")
-    assert "no error at target tip" in finding.message
-    assert record.exit_code == 1
-    nearer = [{"name": "tip", "position_mm": [0, 0, 10]}, TWO[1]]
-    record = judge_files({"guide.yaml": design(PROMISE, targets=nearer)}, baseline=before)
-    (finding,) = of_rule(record, "limit-relaxed")
-    assert (finding.pointer, record.exit_code) == ("/targets/0", 1)
-    assert "by up to 60 mm, at target tip" in finding.message
+    assert (finding.pointer, record.exit_code) == (pointer, 1)
+    assert words in finding.message
 
 
 @pytest.mark.parametrize("after", [{"limit_mm": 50.0}, {}, {"limit_mm": 1.4, "severity": "note"}])

@@ -120,7 +120,5 @@ def test_the_page_of_openturns_shows_what_the_example_prints(chain: Any, capsys:
     chain.main(str(EXAMPLES / "demo.yaml"))
     page = (ROOT / "docs" / "integrations" / "openturns.md").read_text(encoding="utf-8")
     assert capsys.readouterr().out in page
-    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    exec(compile(code.replace("demo.yaml", str(EXAMPLES / "demo.yaml")), "openturns.md", "exec"), {})
-    printed = capsys.readouterr().out
+    (printed,), _ = run_page("openturns", **{"demo.yaml": str(EXAMPLES / "demo.yaml")})
     assert re.match(r"\d+ random inputs, the last of them execution\[\d\]\nP95 1\.1\d+ mm, between", printed), printed

@@ -300,10 +300,7 @@ def test_a_job_never_passes_what_was_not_judged(
 # --- the pre-commit hook --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("file", "taken"),
-    read_cases("files", "hook"),
-)
+@pytest.mark.parametrize(("file", "taken"), read_cases("files", "hook"))
 def test_the_hook_looks_at_what_a_verdict_hangs_on(file: str, taken: bool) -> None:
     assert chosen(HOOKS[0], [file]) == ([file] if taken else [])
 

@@ -60,10 +60,7 @@ def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyP
     }
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "meant"),
-    read_cases("settings", "nearest"),
-)
+@pytest.mark.parametrize(("name", "value", "meant"), read_cases("settings", "nearest"))
 def test_a_name_that_is_no_setting_is_refused_with_the_nearest(
     name: str, value: str, meant: str, environment: pytest.MonkeyPatch
 ) -> None:

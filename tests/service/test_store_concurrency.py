@@ -23,6 +23,7 @@ from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
 
 from family import die_with_parent, ended
+from plain_data import problems_of
 from tailstack_service import clock as clocks
 from tailstack_service.jobs.store import database, jobs, queue, results, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
@@ -142,9 +143,7 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
     assert db.turn is not None
 
     def refused(_: int) -> bool:
-        with pytest.raises(StoreUnavailable) as error:
-            submit(db)
-        return "no other program may hold the file" in error.value.problems[0].hint
+        return "no other program may hold the file" in problems_of(submit, db, error=StoreUnavailable)[0].hint
 
     try:
         with (

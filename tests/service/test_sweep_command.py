@@ -81,10 +81,7 @@ def test_the_report_of_a_sweep_without_an_answer_is_no_success(
         capsys.readouterr()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    read_cases("studies", "swept"),
-)
+@pytest.mark.parametrize(("arguments", "said"), read_cases("studies", "swept"))
 def test_what_cannot_be_swept_is_bad_input(refused: Any, arguments: list[str], said: str) -> None:
     told = refused("sweep", DEMO, *arguments)
     assert said in told
@@ -109,11 +106,8 @@ def design(tmp_path: Path) -> Path:
     return write_json(tmp_path / "design.json", document)
 
 
-def test_a_figure_of_no_known_ending_is_refused(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sweep", str(design), "--set", f"{NOISE}=0.1:0.7:4", "--figure", "out.png"]) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert "no known ending" in output.err
+def test_a_figure_of_no_known_ending_is_refused(design: Path, refused: Any) -> None:
+    assert "no known ending" in refused("sweep", design, "--set", f"{NOISE}=0.1:0.7:4", "--figure", "out.png")
 
 
 def figure(design: Path, tmp_path: Path, *axes: str) -> str:

@@ -34,10 +34,6 @@ SOURCES, BUILT = ROOT / "service" / "workbench", ROOT / "service" / "tailstack_s
 SCRIPT = "workbench.mjs"  # the scenarios
 
 
-def design_with(**changes: Any) -> str:
-    return yaml.safe_dump({**yaml.safe_load(DEMO), **changes}, allow_unicode=True, sort_keys=False)
-
-
 # --- from nothing to the first number ------------------------------------------------------------------------
 
 

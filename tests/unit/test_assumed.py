@@ -67,10 +67,7 @@ def test_a_pointer_to_a_section_covers_each_number_and_text_written_back_says_th
     assert yaml.safe_load(design_to_yaml(load_design(data)))["assumed"] == data["assumed"]
 
 
-@pytest.mark.parametrize(
-    ("pointer", "hint"),
-    read_cases("design", "assumed"),
-)
+@pytest.mark.parametrize(("pointer", "hint"), read_cases("design", "assumed"))
 def test_what_leads_nowhere_is_refused_and_its_cure_is_accepted(pointer: str, hint: str) -> None:
     problem = problems_of(load_design, assuming("/views/0/isocentre_mm", pointer), error=DesignError)[0]
     assert (problem.pointer, problem.code) == ("/assumed/1", "not-found")

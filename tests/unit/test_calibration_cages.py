@@ -77,10 +77,7 @@ def test_there_and_back_through_both_files(unit):
     assert (plain.labels, plain.positions_mm) == (again.labels, again.positions_mm)
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "line", "cure"),
-    read_cases("tables", "cages"),
-)
+@pytest.mark.parametrize(("text", "code", "line", "cure"), read_cases("tables", "cages"))
 def test_what_xmalab_would_misread_is_refused_with_the_cure(text, code, line, cure):
     found = refused(text, None)
     assert found[:3] == (code, "cube.csv", line)

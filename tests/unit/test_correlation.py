@@ -287,9 +287,7 @@ def test_components_that_are_correlated_are_told_together():
 
 
 def refused(tolerances: dict[str, Any], **more: Any) -> tuple[str, str, str]:
-    with pytest.raises(DesignError) as caught:
-        compile_design(load_design(with_hand_eye(tolerances, **more)))
-    (problem,) = caught.value.problems
+    (problem,) = problems_of(lambda: compile_design(load_design(with_hand_eye(tolerances, **more))), error=DesignError)
     return problem.pointer, problem.code, f"{problem.detail} | {problem.hint}"
 
 

@@ -107,10 +107,7 @@ def test_sizes_are_bounded_and_the_bound_is_stated():
         load_design(TEXT.encode(), limits=Limits(document_bytes=100))
 
 
-@pytest.mark.parametrize(
-    ("name", "code"),
-    read_cases("files", "references"),
-)
+@pytest.mark.parametrize(("name", "code"), read_cases("files", "references"))
 def test_file_references_stay_beside_the_design(tmp_path, name, code):
     (tmp_path / "secret.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\n")
     home = tmp_path / "home"

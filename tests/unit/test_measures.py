@@ -12,7 +12,7 @@ from scipy import integrate, stats
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from plain_data import DEMO
+from plain_data import DEMO, problems_of
 from tailstack import load_design, score, score_batch, verify
 from tailstack.design import Design, compile_design
 from tailstack.errors import DesignError, OutOfRangeError
@@ -146,9 +146,7 @@ def directed(direction: Any = (1.0, 2.0, -2.0), **requirement: Any) -> dict[str,
 def test_a_requirement_without_a_direction_says_what_to_declare() -> None:
     data = directed()
     del data["targets"][0]["direction"]
-    with pytest.raises(DesignError) as caught:
-        compile_design(load_design(data))
-    (problem,) = caught.value.problems
+    (problem,) = problems_of(lambda: compile_design(load_design(data)), error=DesignError)
     assert (problem.pointer, problem.code) == ("/requirements/1/targets", "no-site")
     assert problem.hint == "it takes a target with direction: [x, y, z] in con, or entry: NAME of another"
     with pytest.raises(DesignError, match="direction has a length"):

@@ -11,7 +11,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from optimise_scenes import fixed_layout, general_problem, oracle_problem, places_in_box, requirement
+from optimise_scenes import at_prices, fixed_layout, general_problem, oracle_problem, places_in_box, requirement
 from scenes import cube_fiducials, mount
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
@@ -73,11 +73,6 @@ def _regions(problem: PlacementProblem, regions: tuple[object, ...], **changes: 
     return replace(problem, places=places, **changes)  # type: ignore[arg-type]
 
 
-def _priced(problem: PlacementProblem) -> PlacementProblem:
-    free = tuple(replace(item, price=price) for item, price in zip(problem.half_widths, CURVES, strict=True))
-    return replace(problem, half_widths=free)
-
-
 PROBLEMS: dict[str, PlacementProblem] = {
     "layout and tolerances": _held(general_problem(1)),
     "layout and tolerances, eq18, localisation": _held(
@@ -97,8 +92,10 @@ PROBLEMS: dict[str, PlacementProblem] = {
         ),
     ),
     "scaling": replace(general_problem(9), objective="scaling"),
-    "quantile with a cost limit": replace(_priced(general_problem(10)), objective="quantile", cost_limit=2.0),
-    "cost on three curves": _priced(general_problem(11)),
+    "quantile with a cost limit": replace(
+        at_prices(general_problem(10), *CURVES), objective="quantile", cost_limit=2.0
+    ),
+    "cost on three curves": at_prices(general_problem(11), *CURVES),
 }  # fmt: skip
 PER_UNIT = replace(
     general_problem(12), requirements=(requirement(5.0, targets=("t0", "t1"), risk="per_unit", min_yield=0.9),)

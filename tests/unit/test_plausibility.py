@@ -21,7 +21,6 @@ from tailstack.scoring import score
 EVERYDAY = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
 LOCATORS = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text())
 SEAT = ("interfaces", "structure_connector")
-RX = (*SEAT, "tolerances", "rx", "half_width_deg")
 
 
 def remarks(document, **options):

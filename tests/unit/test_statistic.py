@@ -207,10 +207,7 @@ def test_rows_of_a_table_have_the_values_of_score() -> None:
     assert values == pytest.approx([check.value for check in alone], rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("stated", "code", "at"),
-    read_cases("statistics", "statistics"),
-)
+@pytest.mark.parametrize(("stated", "code", "at"), read_cases("statistics", "statistics"))
 def test_what_a_statistic_lacks_or_does_not_read_is_refused(stated: dict[str, Any], code: str, at: str) -> None:
     with pytest.raises(DesignError) as refused:
         design_of(stated)

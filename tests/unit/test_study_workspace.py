@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from test_robot import EVERYTHING, stated
 
-from plain_data import DEMO, EXAMPLES, replaced
+from plain_data import DEMO, EXAMPLES, problems_of, replaced
 from tailstack import Design, load_design, score
 from tailstack.errors import StudyError
 from tailstack.studies.workspace import study_workspace
@@ -62,8 +62,6 @@ REFUSED = [
 
 @pytest.mark.parametrize(("design", "code"), REFUSED)
 def test_what_cannot_be_studied_is_refused(design: Any, code: str) -> None:
-    with pytest.raises(StudyError) as caught:
-        study_workspace(load_design(design))
-    assert caught.value.problems[0].code == code
+    assert problems_of(lambda: study_workspace(load_design(design)), error=StudyError)[0].code == code
     with pytest.raises(StudyError, match="no target is called 'nose'"):
         study_workspace(load_design(DEMONSTRATION), target="nose")
