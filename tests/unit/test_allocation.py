@@ -8,11 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from optimise_scenes import solve_placement
 from plain_data import EVERY
 from tailstack import Design, DesignError, allocate, load_design, score
 from tailstack.optimisation import PlacementProblem
+from tailstack.optimisation.allocation import curves_of
+from tailstack.optimisation.half_widths import _Model
+from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.request import read_request
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -121,6 +125,32 @@ def test_no_change_of_the_half_widths_is_cheaper(name: str) -> None:
         worth.append(each.cost_after / ((wider - tighter) / 2e-3))  # price 1 / h: d cost / d log h is the cost
     assert len(worth) >= 3
     assert np.ptp(worth) < 0.01 * max(worth)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_step_is_the_cheapest_within_every_limit_of_its_model(count: int) -> None:
+    """independent: SciPy's SLSQP in the logarithms, from the least half-widths; 20 random models, seeded."""
+    rng = np.random.default_rng(count)
+    prices = [
+        *(reciprocal(float(weight)) for weight in rng.uniform(0.5, 5, 4)),
+        *[Price("exponential", 9.0, 1.0, 0.2)] * 2,
+    ]
+    curves, lower, upper = curves_of(prices), np.full(6, 0.02), np.full(6, 1.5)
+    for _ in range(20):
+        fixed, by_square = rng.uniform(0, 0.5, count), rng.uniform(0, 6, (count, 6)) * rng.integers(0, 2, (count, 6))
+        found = _Model(curves, lower, upper, fixed, by_square).solve()
+        expected = minimize(
+            lambda u: np.log(curves.cost(np.exp(u)).sum()),
+            np.log(lower),
+            bounds=np.log([lower, upper]).T,
+            constraints={"type": "ineq", "fun": lambda u, f=fixed, b=by_square: 1 - f - b @ np.exp(2 * u)},
+            method="SLSQP",
+            options={"ftol": 1e-13, "maxiter": 500},
+        )
+        assert (fixed + by_square @ found**2).max() <= 1 + 1e-8
+        assert np.log(curves.cost(found).sum()) == pytest.approx(expected.fun, abs=1e-6)
+    beyond = np.full(count, 2.0)
+    np.testing.assert_array_equal(_Model(curves, lower, upper, beyond, np.ones((count, 6))).solve(), lower)
 
 
 def test_out_of_reach_says_what_holds_it() -> None:

@@ -19,9 +19,9 @@ from tailstack.tail.per_unit import (
     distance_at,
     draw_units,
     position_of,
+    read_units,
     solve_between,
     unit_coordinates,
-    unit_gradient,
     unit_quantile,
     unit_risk,
 )
@@ -273,7 +273,7 @@ def test_as_many_units_keep_a_limit_as_its_quantile_says(p, fraction):
 def test_slopes_are_those_of_the_value(gaussian):
     """independent: central differences of the value, whose units are the same each time, by small steps."""
     installation = linear_law([0.2, 0, 0.1], NOISE * 20 if gaussian else NOISE, COLUMNS)
-    by, by_shot = unit_gradient(installation, SHOT, 0.95, 0.9, log2_units=7)
+    by, by_shot = read_units(installation, SHOT, 0.95, 0.9, log2_units=7).gradient()
 
     def along(step, mean=0.0, covariance=FIXED, columns=0.0, shot=FIXED):
         """The slope along a change of the laws."""

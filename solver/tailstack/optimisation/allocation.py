@@ -58,7 +58,7 @@ class BoundedAllocation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Curves:
+class Curves:
     """Prices as arrays (k,): ``weight h^-exponent``, or ``weight exp(-h / scale)`` where ``exponential``."""
 
     exponential: NDArray[np.bool_]
@@ -82,8 +82,14 @@ class _Curves:
             falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
         return np.clip(np.where(self.exponential, falling, power), lower, upper)
 
-    def only(self, chosen: NDArray[np.bool_]) -> _Curves:
-        return _Curves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
+    def yielding(self, half_width: Array, charge: Array) -> Array:
+        """(k,) by how much the square of :meth:`cheapest`, between its bounds, falls for a little more charge."""
+        log_curvature = self.log_cost(half_width) - 2 * np.log(np.where(self.exponential, self.scale, half_width))
+        curvature = np.exp(log_curvature) * np.where(self.exponential, 1.0, self.exponent * (self.exponent + 1))
+        return np.asarray(4 * half_width**2 / (curvature + 2 * charge))
+
+    def only(self, chosen: NDArray[np.bool_]) -> Curves:
+        return Curves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +99,7 @@ class _Case:
     p: float
     noise: Array  # (t, 3, 3) over limit^2
     outer: Array  # (t, k, 3, 3): per^2 g g' over limit^2, per squared half-width
-    curves: _Curves
+    curves: Curves
     lower: Array  # (k,)
     upper: Array  # (k,) finite
 
@@ -104,6 +110,16 @@ class _Case:
     def ratios(self, half_width: Array) -> Array:
         """(t,) the bound over limit^2."""
         return squared_bound(self.covariance(half_width), self.p)
+
+
+def curves_of(prices: Sequence[Price]) -> Curves:
+    """Those of prices; of grades the power law through them."""
+    return Curves(
+        np.array([price.curve == "exponential" for price in prices]),
+        np.array([price.weight for price in prices]),
+        np.array([price.exponent for price in prices]),
+        np.array([price.scale for price in prices]),
+    )
 
 
 def allocate(
@@ -173,14 +189,9 @@ def _case(
     low: Array,
     high: Array,
     p: float,
-) -> tuple[_Case, _Curves, NDArray[np.bool_], Array]:
+) -> tuple[_Case, Curves, NDArray[np.bool_], Array]:
     """(programme's data, all curves (k,), which are to be chosen (k,), the half-widths of the others (k,))."""
-    curves = _Curves(
-        np.array([price.curve == "exponential" for price in prices]),
-        np.array([price.weight for price in prices]),
-        np.array([price.exponent for price in prices]),
-        np.array([price.scale for price in prices]),
-    )
+    curves = curves_of(prices)
     scaled = gains * std_per_half_width[:, None] / limits[:, None, None]
     outer = np.einsum("tia,tib->tiab", scaled, scaled)
     # Alone and without noise a tolerance uses up the limit here: rank one

@@ -37,7 +37,7 @@ from ..tail.declared import (
     mixture_column_gradient,
     mixture_gradient,
 )
-from ..tail.per_unit import unit_gradient, unit_quantile
+from ..tail.per_unit import SignedReading, UnitReading, read_units
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, side_by_side, times
 from .terms import DemandTerms, ImageParts, at_ends, linearise_demand, pivot_shift_of
@@ -47,6 +47,9 @@ STEP = 1e-5  # relative step of central differences of the closed form
 PIVOT_STEP_MM = 0.05  # of the exact quantile
 LEAST_PART = 1e-3  # of its limit, that what counts on one side is taken for where it is less: it may be 0
 LEAST_LEVEL = 0.1  # of a quantile in the closed form, which knows nothing of a law's lower end
+
+
+Reading = LawQuantile | UnitReading | SignedReading  # what a value was read from; its slopes are read from the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +64,7 @@ class Evaluation:
     signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.at_ends``
     images: ImageParts
     model: ErrorModel
+    read: Reading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,6 +113,7 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
         signs=np.array([exact.worst.signs.get(key, 1.0) for key in keys]),
         images=image_parts(model, requirement.error),
         model=model,
+        read=exact.read,
     )
 
 
@@ -120,6 +125,7 @@ class ExactQuantile:
     density: float  # 1/mm
     relative_error: float
     worst: WorstCase
+    read: Reading
 
 
 def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuantile:
@@ -132,11 +138,12 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuanti
         quantile = law_quantile(law, requirement.quantile)
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300)
         found = quantile.quantile_mm if value is None else value(law)
-        return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst)
+        return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst, quantile)
     laws = unit_laws(columns_of(model, requirement.error), demand, worst.mean_mm)
-    own = unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    read = read_units(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    own = read.quantile
     value_mm = _keep_positive(own.value_mm, demand)
-    return ExactQuantile(value_mm, own.density, own.standard_error_mm / max(value_mm, 1e-300), worst)
+    return ExactQuantile(value_mm, own.density, own.standard_error_mm / max(value_mm, 1e-300), worst, read)
 
 
 def _keep_positive(value: float, demand: QuantileConstraint) -> float:
@@ -215,25 +222,27 @@ class LawSlopes:
         return 2 * float(scaled @ self.by_covariance(held) @ scaled)
 
 
-def law_slopes(model: ErrorModel, demand: QuantileConstraint, mean_mm: Array) -> LawSlopes:
-    """At a mean (3,) mm; nested, columns of what is drawn again are taken as normal."""
+def law_slopes(
+    model: ErrorModel, demand: QuantileConstraint, mean_mm: Array, read: Reading, *, fine: bool = True
+) -> LawSlopes:
+    """At a mean (3,) mm, where the value was read; fine: as exact as that is, otherwise to 1e-4 and several times
+    faster.  Nested, columns of what is drawn again are taken as normal."""
     requirement, columns = demand.requirement, columns_of(model, demand.requirement.error)
     held = columns.constant_in(demand.level) if demand.nested else np.full(len(columns.kinds), True)
     keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
     where = {keys[k]: column for column, k in enumerate(np.flatnonzero(held & columns.wide).tolist())}
-    if demand.nested:
-        laws = unit_laws(columns, demand, mean_mm)
-        by, by_shot = unit_gradient(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
-        return LawSlopes(laws[0], [], by, by_shot, where)
+    if not isinstance(read, LawQuantile):
+        by, by_shot = read.gradient()
+        return LawSlopes(read.installation, [], by, by_shot, where)
     law = law_of(mean_mm, columns)
-    mixture = quantiles_of(law, requirement)
-    by = mixture_gradient(law, mixture, requirement.quantile)
+    mixture = [(read, 1.0)] if requirement.row.by_quantile else quantiles_of(law, requirement, fine=fine)
+    by = mixture_gradient(law, mixture, requirement.quantile, fine=fine)
     return LawSlopes(law, mixture, by, by.by_covariance, where)
 
 
 def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of log r^2 under the declared law; by differences along pivots, analytic otherwise."""
-    slopes = law_slopes(evaluation.model, terms.demand, evaluation.mean_mm)
+    slopes = law_slopes(evaluation.model, terms.demand, evaluation.mean_mm, evaluation.read)
     columns = [slopes.where.get((source.contributor, source.index)) for source in terms.common]
     by_column = None
     if slopes.mixture and columns != [None] * len(columns):
@@ -260,10 +269,10 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
 
 
-def quantiles_of(law: LinearLaw, requirement: Requirement) -> list[tuple[LawQuantile, float]]:
+def quantiles_of(law: LinearLaw, requirement: Requirement, *, fine: bool = True) -> list[tuple[LawQuantile, float]]:
     """Those of a law that a requirement limits the sum of, each with its weight."""
     levels, weights = zip(*requirement.mixture, strict=True)
-    return list(zip(law_quantiles(law, levels, requirement.quantile), weights, strict=True))
+    return list(zip(law_quantiles(law, levels, requirement.quantile, fine=fine), weights, strict=True))
 
 
 def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:

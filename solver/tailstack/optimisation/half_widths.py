@@ -1,21 +1,19 @@
 """The cheapest half-widths at the layout as it is, under the declared laws: while a hand drags the limit.
 
 With the layout fixed a half-width multiplies a column of the law, so nothing is linearised twice: the exact value of
-each limit that may hold, and its slopes by the logarithms of the half-widths, make a model that SLSQP solves, and that
-is made again where it led until it stands still.  A limit that not even the least half-widths keep is no error: the
-answer says so, and what holds it."""
+each limit that may hold, and its slopes by the logarithms of the half-widths, make a model whose dual is solved, and
+that is made again where it led until it stands still.  A limit that not even the least half-widths keep is no error:
+the answer says so, and what holds it."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from math import log
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import brentq
 
-from ..contributors import value_of, worst_case
 from ..design import Design
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
@@ -27,9 +25,10 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
+from .allocation import Curves, curves_of
 from .contradictions import refuse_contradictions
-from .exact_law import exact_quantile, law_slopes
-from .prices import cost_of, slope_of
+from .exact_law import ExactQuantile, exact_quantile, law_slopes
+from .prices import cost_of
 from .problem import (
     PlacementProblem,
     QuantileConstraint,
@@ -43,9 +42,11 @@ from .request import read_request, round_down
 from .terms import linearise_demand
 
 AIM = 3e-6  # of a limit: how far below it the values are brought
-OPTIONS = {"ftol": 1e-9, "maxiter": 200}
+EXACT, TRIES = 1e-9, 50  # of a limit: how far the model is solved, and how many steps that may take
+LARGEST = 300.0  # logarithm of a multiplier at which everything is at its least
 MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
 STAYS = 1e-2  # relative change of half-widths in a step, after which the slopes by them stay
+STILL = 1e-3  # likewise, after which the cost stands: what it is wrong by is of the order of the square
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 
@@ -103,12 +104,11 @@ def allocate(
         problem, asked = _read(design, limit, requirement, set(locked))
         refuse_contradictions(problem)
         check_geometry(problem.system)
-        held = [_hold(problem, demand) for demand in problem.demands]
-        least = np.array([each.ratio_at(problem.lower) for each in held])
-        found = _find(problem, held) if least.max() <= 1 - AIM else problem.lower
-        each = zip(found.tolist(), problem.half_widths, strict=True)
-        found = np.array([round_down(value, free, unit_of(problem, k)) for k, (value, free) in enumerate(each)])
-        return _report(problem, asked, held, least, found, list(locked))
+        held = _hold_all(problem, problem.demands)
+        least = _read_all(problem, held, problem.lower)
+        within = max(each.ratio for each in least) <= 1 - AIM
+        found = _find(problem, held, least) if within else least
+        return _report(problem, asked, least, found, list(locked))
 
 
 def _read(
@@ -145,17 +145,9 @@ def _read(
 class _Held:
     """One limit at the layout."""
 
-    problem: PlacementProblem
     demand: QuantileConstraint
     model: ErrorModel
     places: tuple[tuple[int, int], ...]  # K: of each free half-width its block, and its source in that
-
-    def model_at(self, half_width: Array) -> ErrorModel:
-        """With these half-widths (K,)."""
-        system = apply_choice(self.problem, replace(present_choice(self.problem), half_width=half_width))
-        mounts = {mount.name: mount for mount in system.interfaces}
-        blocks = (each._replace(effect=mounts.get(each.contributor, each.effect)) for each in self.model.blocks)
-        return replace(self.model, blocks=tuple(blocks))
 
     @property
     def levers(self) -> Array:
@@ -163,39 +155,69 @@ class _Held:
         error = self.demand.requirement.error
         return np.array([np.linalg.norm(self.model.blocks[b].gain(error)[:, j]) for b, j in self.places])
 
-    def ratio_at(self, half_width: Array) -> float:
-        """Its value over its limit."""
-        return exact_quantile(self.model_at(half_width), self.demand).value_mm / self.demand.requirement.limit
 
-    def slopes_at(self, half_width: Array, ratio: float) -> Array:
-        """(K,) of its logarithm by that of each half-width, where it is ``ratio`` of its limit."""
-        model, requirement, slopes = self.model_at(half_width), self.demand.requirement, np.zeros(len(half_width))
-        error = requirement.error
-        worst = worst_case(model, error, requirement.quantile, value=value_of(requirement))
-        found = law_slopes(model, self.demand, worst.mean_mm)
-        for k, (b, j) in enumerate(self.places):
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reading:
+    """One limit at half-widths (K,)."""
+
+    held: _Held
+    half_width: Array
+    model: ErrorModel
+    exact: ExactQuantile
+
+    @property
+    def ratio(self) -> float:
+        """Its value over its limit."""
+        return self.exact.value_mm / self.held.demand.requirement.limit
+
+    def slopes(self) -> Array:
+        """(K,) of the logarithm of its value by that of each half-width, to 1e-4: the cost is wrong by the square."""
+        demand, model, slopes = self.held.demand, self.model, np.zeros(len(self.half_width))
+        error, worst = demand.requirement.error, self.exact.worst
+        found = law_slopes(model, demand, worst.mean_mm, self.exact.read, fine=False)
+        for k, (b, j) in enumerate(self.held.places):
             block = model.blocks[b]
-            key, held = (block.contributor, j), block.drawn.is_held(self.demand.level)
+            key, held = (block.contributor, j), block.drawn.is_held(demand.level)
             if block.laws[j] is Law.BOUNDED:
-                slopes[k] = worst.signs[key] * half_width[k] * (found.by.by_mean @ block.gain(error)[:, j])
+                slopes[k] = worst.signs[key] * self.half_width[k] * (found.by.by_mean @ block.gain(error)[:, j])
             else:
                 slopes[k] = found.by_log_width(key, held, block.columns_mm(error)[:, j])
-        size = sum(weight * each.quantile_mm for each, weight in found.mixture)
-        if self.demand.nested:
-            size = ratio * requirement.limit
+        size = (
+            self.exact.value_mm if demand.nested else sum(weight * each.quantile_mm for each, weight in found.mixture)
+        )
         return slopes / (size or 1.0)
 
 
-def _hold(problem: PlacementProblem, demand: QuantileConstraint) -> _Held:
-    """Raises IllPosedError."""
-    model, _ = linearise_demand(without_fiducials(problem.system, demand.lost), demand)
-    places = {(o.contributor, name): (b, j) for b, o in enumerate(model.blocks) for j, name in enumerate(o.components)}
-    own = tuple(places[free.contributor, free.component] for free in problem.half_widths)
-    return _Held(problem, demand, model, own)
+def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) -> list[_Held]:
+    """Linearised once for all limits of one error.  Raises IllPosedError."""
+    models: dict[tuple[object, ...], ErrorModel] = {}
+    held = []
+    for demand in demands:
+        key = demand.requirement.error, demand.site.name, demand.place, demand.lost
+        if key not in models:
+            models[key], _ = linearise_demand(without_fiducials(problem.system, demand.lost), demand)
+        model = models[key]
+        at = {(o.contributor, name): (b, j) for b, o in enumerate(model.blocks) for j, name in enumerate(o.components)}
+        own = tuple(at[free.contributor, free.component] for free in problem.half_widths)
+        held.append(_Held(demand, model, own))
+    return held
 
 
-def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
-    """(K,) the cheapest by the limit that is nearest at the present half-widths, and by all that are then broken.
+def _read_all(problem: PlacementProblem, held: Sequence[_Held], half_width: Array) -> list[_Reading]:
+    """Each limit with these half-widths (K,)."""
+    system = apply_choice(problem, replace(present_choice(problem), half_width=half_width))
+    mounts = {mount.name: mount for mount in system.interfaces}
+    readings = []
+    for each in held:
+        blocks = tuple(own._replace(effect=mounts.get(own.contributor, own.effect)) for own in each.model.blocks)
+        model = replace(each.model, blocks=blocks)
+        readings.append(_Reading(each, half_width, model, exact_quantile(model, each.demand)))
+    return readings
+
+
+def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Reading]) -> list[_Reading]:
+    """All limits at the cheapest half-widths, rounded down, by the limit that is nearest at the least half-widths, and
+    by all that are then broken.
 
     The square of a value over its limit is taken to be linear in the squares of half-widths, as a mean square is;
     solved again with the slopes at what was found, until that stands still.  Where that swings, further and further
@@ -204,78 +226,145 @@ def _find(problem: PlacementProblem, held: Sequence[_Held]) -> Array:
     more than they would still change.  Raises NotConvergedError.
     """
     found = np.clip(present_choice(problem).half_width, problem.lower, problem.upper)
-    ratios = {each: each.ratio_at(found) for each in held}
-    taken = [max(held, key=ratios.__getitem__)]
+    taken = [max(least, key=lambda each: each.ratio).held]
+    readings = _read_all(problem, taken, found)
     by_square: dict[_Held, Array] = {}
+    curves = curves_of([free.price for free in problem.half_widths])
     cost, worst, part, step = np.inf, np.inf, 1.0, np.inf
     for _ in range(MOST_STEPS):
-        squares = np.array([ratios[each] / (1 - AIM) for each in taken]) ** 2
+        squares = np.array([each.ratio / (1 - AIM) for each in readings]) ** 2
         cost, before = problem.cost(found), cost
-        if abs(cost - before) <= SETTLED * cost and squares.max() <= 1 + AIM:
-            ratios |= {each: each.ratio_at(found) for each in held if each not in taken}
-            more = [each for each in held if each not in taken and ratios[each] > 1]
+        stands = abs(cost - before) <= SETTLED * cost or (step <= STILL and squares.max() >= 1 - 2 * AIM)
+        if stands and squares.max() <= 1 + AIM:
+            found = _round(problem, found)
+            every = _read_all(problem, held, found)
+            more = [each.held for each in every if each.held not in taken and each.ratio > 1]
             if not more:
-                return found
+                return every
             taken, worst, part = taken + more, np.inf, 1.0
-            squares = np.array([ratios[each] / (1 - AIM) for each in taken]) ** 2
+            readings = [each for own in taken for each in every if each.held is own]
+            squares = np.array([each.ratio / (1 - AIM) for each in readings]) ** 2
         worst, part = squares.max(), part / 2 if squares.max() > worst > 1 + AIM else part
-        for each, square in zip(taken, squares.tolist(), strict=True):
-            if step > STAYS or each not in by_square:
-                by_square[each] = square * each.slopes_at(found, ratios[each]) / found**2
+        for each, square in zip(readings, squares.tolist(), strict=True):
+            if step > STAYS or each.held not in by_square:
+                by_square[each.held] = square * each.slopes() / found**2
         linear = np.array([by_square[each] for each in taken])
-        end = _solve_model(problem, squares - linear @ found**2, linear, found)
+        end = _Model(curves, problem.lower, problem.upper, squares - linear @ found**2, linear).solve()
         step, found = float(np.abs(np.log(end / found)).max()), found * (end / found) ** part
-        ratios |= {each: each.ratio_at(found) for each in taken}
+        readings = _read_all(problem, taken, found)
     detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
     raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
 
-def _solve_model(problem: PlacementProblem, fixed: Array, by_square: Array, begin: Array) -> Array:
-    """(K,) the least cost with ``fixed + by_square h^2 <= 1`` for each limit, over the logarithms of half-widths."""
+def _round(problem: PlacementProblem, half_width: Array) -> Array:
+    """(K,) half-widths as the document has them, none looser."""
+    each = zip(half_width.tolist(), problem.half_widths, strict=True)
+    return np.array([round_down(value, free, unit_of(problem, k)) for k, (value, free) in enumerate(each)])
 
-    def log_cost(u: Array) -> tuple[float, Array]:
-        width, cost = np.exp(u), problem.cost(np.exp(u))
-        slopes = [slope_of(free.price, h) * h for free, h in zip(problem.half_widths, width.tolist(), strict=True)]
-        return log(cost), np.array(slopes) / cost
 
-    limits = {
-        "type": "ineq",
-        "fun": lambda u: 1 - fixed - by_square @ np.exp(2 * u),
-        "jac": lambda u: -2 * by_square * np.exp(2 * u),
-    }
-    bounds = np.log([problem.lower, problem.upper]).T
-    start = np.clip(np.log(begin), *bounds.T)
-    end = minimize(log_cost, start, jac=True, bounds=bounds, constraints=limits, method="SLSQP", options=OPTIONS)
-    return np.asarray(np.clip(np.exp(end.x), problem.lower, problem.upper))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """The least cost with ``fixed + by_square h^2 <= 1`` for each of T limits: at what these charge for the square of
+    each half-width, each is the cheapest by itself."""
+
+    curves: Curves
+    lower: Array  # (K,)
+    upper: Array  # (K,)
+    fixed: Array  # (T,)
+    by_square: Array  # (T, K)
+
+    def charge(self, multipliers: Array) -> Array:
+        """(K,) for the square of each half-width, at the multipliers (T,) of the limits."""
+        return np.maximum(multipliers @ self.by_square, 0.0)
+
+    def cheapest(self, multipliers: Array) -> Array:
+        """(K,) half-widths at those."""
+        return self.curves.cheapest(self.charge(multipliers), self.lower, self.upper)
+
+    def excess(self, half_width: Array) -> Array:
+        """(T,) beyond each limit."""
+        return np.asarray(self.fixed + self.by_square @ half_width**2 - 1)
+
+    def solve(self) -> Array:
+        """(K,) half-widths; the least where they do not keep the limits."""
+        multipliers = np.zeros(len(self.fixed))
+        for t in range(len(multipliers)):
+            self._meet(t, multipliers)
+        if len(multipliers) > 1:
+            self._meet_all(multipliers)
+        return self.cheapest(multipliers)
+
+    def _meet(self, t: int, multipliers: Array) -> None:
+        """Put one multiplier where its limit is kept at the others as they are, in place."""
+
+        def over(logarithm: float) -> float:
+            multipliers[t] = np.exp(logarithm)
+            return float(self.excess(self.cheapest(multipliers))[t])
+
+        if self.excess(self.cheapest(multipliers))[t] <= 0:
+            return
+        if self.excess(self.lower)[t] >= 0:
+            multipliers[t] = np.exp(LARGEST)
+            return
+        least = more = float(self.curves.log_cost(self.upper).max())
+        while over(least) < 0:
+            least -= 4.0
+        while over(more) > 0 and more < LARGEST:
+            more += 4.0
+        multipliers[t] = np.exp(brentq(over, least, more, xtol=1e-13) if more > least else more)
+
+    def _meet_all(self, multipliers: Array) -> None:
+        """Newton's method in the dual with what is not above 0 held at 0 (Bertsekas 1982, SIAM Journal on Control and
+        Optimization 20, 221-246), in place."""
+
+        def dual(at: Array) -> float:
+            half_width = self.cheapest(at)
+            return float(self.curves.cost(half_width).sum() + at @ self.excess(half_width))
+
+        for _ in range(TRIES):
+            half_width = self.cheapest(multipliers)
+            excess = self.excess(half_width)
+            free = (multipliers > 0) | (excess > 0)
+            if np.abs(excess[free]).max(initial=0.0) <= EXACT:
+                return
+            between = (half_width > self.lower) & (half_width < self.upper)
+            yielding = np.where(between, self.curves.yielding(half_width, self.charge(multipliers)), 0.0)
+            own = self.by_square[free]
+            bend = (own * yielding) @ own.T
+            step, part = np.zeros(len(multipliers)), 1.0
+            step[free] = np.linalg.lstsq(bend + 1e-12 * np.trace(bend) * np.eye(len(bend)), excess[free], rcond=None)[0]
+            here, moved = dual(multipliers), np.maximum(multipliers + step, 0.0)
+            while dual(moved) < here + 1e-4 * float(excess @ (moved - multipliers)) and part > 1e-9:
+                part /= 2
+                moved = np.maximum(multipliers + part * step, 0.0)
+            multipliers[:] = moved
 
 
 def _report(
     problem: PlacementProblem,
     asked: str | None,
-    held: Sequence[_Held],
-    least: Array,
-    now: Array,
+    least: Sequence[_Reading],
+    found: Sequence[_Reading],
     locked: Sequence[str],
 ) -> Allocation:
-    """least: ratios of what is held at the least half-widths; now: (K,) half-widths that were found."""
-    before, low = present_choice(problem).half_width, problem.lower
-    ratios = np.array([each.ratio_at(now) for each in held])
-    asked = asked or held[int(ratios.argmax())].demand.requirement.name
-    own = [t for t, each in enumerate(held) if each.demand.requirement.name == asked]
-    binding = [each.demand for each, ratio in zip(held, ratios, strict=True) if ratio > 1 - BINDS]
-    demand, tightest = held[own[0]].demand, held[int(least.argmax())]
-    tight, of = tightest.model_at(low), tightest.demand.requirement
-    shares = share_out(tight, worst_case(tight, of.error, of.quantile, value=value_of(of)).mean_mm, of.error)
-    points = [t for t, each in enumerate(held) if each.demand.is_point]
-    levers = (held[max(points, key=ratios.__getitem__)] if points else _hold(problem, problem.in_mm[0])).levers
+    """least, found: all limits at the least half-widths, and at those that were found."""
+    before, now = present_choice(problem).half_width, found[0].half_width
+    asked = asked or max(found, key=lambda each: each.ratio).held.demand.requirement.name
+    own = [t for t, each in enumerate(found) if each.held.demand.requirement.name == asked]
+    binding = [each.held.demand for each in found if each.ratio > 1 - BINDS]
+    demand, tightest = found[own[0]].held.demand, max(least, key=lambda each: each.ratio)
+    shares = share_out(tightest.model, tightest.exact.worst.mean_mm, tightest.held.demand.requirement.error)
+    points = [each for each in found if each.held.demand.is_point]
+    leading = max(points, key=lambda each: each.ratio).held if points else _hold_all(problem, problem.in_mm[:1])[0]
+    levers = leading.levers
     moved, cost_before = levers * np.abs(now - before), problem.cost(before)
     return Allocation(
         schema="tailstack/allocation/1",
-        status="kept" if least.max() <= 1 - AIM else "out of reach",
+        status="out of reach" if found is least else "kept",
         requirement=asked,
         limit=demand.requirement.limit,
-        least=float(least[own].max() * demand.requirement.limit),
-        value=float(ratios[own].max() * demand.requirement.limit),
+        least=max(least[t].ratio for t in own) * demand.requirement.limit,
+        value=max(found[t].ratio for t in own) * demand.requirement.limit,
         unit=demand.measure.unit,
         cost_before=cost_before if np.isfinite(cost_before) else None,
         cost_after=problem.cost(now),
@@ -284,7 +373,7 @@ def _report(
         moved_most=in_words(problem, int(moved.argmax())) if moved.max() > 0 else None,
         binding=tuple(f"{each.text}, limit {each.limit_text} ({each.requirement.name})" for each in binding),
         held_by=(most := max(shares, key=shares.__getitem__)),
-        held_label=next((block.label for block in tight.blocks if block.contributor == most), ""),
+        held_label=next((block.label for block in tightest.model.blocks if block.contributor == most), ""),
         held_share=shares[most] / sum(shares.values()),
         provenance=provenance(problem.system),
     )

@@ -610,10 +610,10 @@ def law_quantile(law: LinearLaw, p: float, *, fine: bool = True) -> LawQuantile:
     return evaluation_of(law, p, fine).quantile(float(p))
 
 
-def law_quantiles(law: LinearLaw, levels: Sequence[float], near: float) -> list[LawQuantile]:
+def law_quantiles(law: LinearLaw, levels: Sequence[float], near: float, *, fine: bool = True) -> list[LawQuantile]:
     """The quantiles at several levels, to the absolute error of a probability that is fit for one of them; the largest
     first, whose lattice serves the others."""
-    evaluation = evaluation_of(law, near)
+    evaluation = evaluation_of(law, near, fine)
     found = {p: evaluation.quantile(float(p)) for p in sorted(levels, reverse=True)}
     return [found[p] for p in levels]
 

@@ -301,115 +301,136 @@ def position_of(ranked: Array, width: int, value: float) -> float:
     return low + (value - here) / (average_rank(ranked, width, high) - here)
 
 
-def _window(units: Units, fraction: float, distance: LawQuantile) -> tuple[int, float, NDArray[np.intp], Array]:
-    """Half-width of the triangle that ranks are averaged over, the place of its middle, units by |d|, R of each unit:
-    solved over twice the window, of which some may enter it, and from which its slope is read."""
-    n = units.distance.size
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitReading:
+    """A sample of units, R of those that decide the fraction-quantile of all, and the quantile of its control, |d|."""
+
+    installation: LinearLaw
+    units: Units
+    distance: LawQuantile  # of |d|
+    width: int  # half of the triangle that ranks are averaged over
+    position: float  # of its middle
+    by_distance: NDArray[np.intp]  # (n,) units by |d|
+    own: Array  # (n,) mm, R: solved over twice the window, of which some may enter it, and from which its slope is read
+
+    @property
+    def quantile(self) -> UnitQuantile:
+        """The fraction-quantile of R over units."""
+        units, width, position, own = self.units, self.width, self.position, self.own
+        n, order = own.size, np.argsort(own)
+        rank, distance_rank = np.empty(n), np.empty(n)
+        rank[order] = distance_rank[self.by_distance] = np.arange(n)
+        weight = width - np.abs(rank - position)
+        # A unit is taken by its number in the sample: neighbouring laws take the same ones.
+        near = np.flatnonzero(weight[: max(CORRECTED * n // (2 * width), 1)] > 0)
+        shift, error = _correct(units, near, own[near], weight[near])
+        ends = max(position - width, 0.0), min(position + width, n - 1.0)
+        ranked = own[order]
+        low, value, high = (average_at(ranked, width, at) for at in (ends[0], position, ends[1]))
+        density = 0.0
+        if units.blocks > 1:
+            slope = (high - low) * n / (ends[1] - ends[0])
+            density = 1 / slope if slope > 0 else 0.0
+            # The indicators R <= value and |d| <= y, each a ramp across the window.
+            inside, control = (np.clip((position - r) / (2 * width) + 0.5, 0, 1) for r in (rank, distance_rank))
+            share_error = hypot(units.standard_error(inside - control), 1 / (n * sqrt(2 * width)))
+            error = hypot(error, share_error * slope, self.distance.error_mm)
+        error = hypot(error, units.doubt_of_rays(near, own[near] + shift))
+        return UnitQuantile(value + shift, error, density)
+
+    def gradient(self) -> tuple[LawGradient, Array]:
+        """Derivatives of the quantile: by the law of the installation, and by the covariance of the shot (3, 3), 1/mm,
+        its columns taken as normal.
+
+        The units stay the same ones, so each has a derivative of its own: of R, which averages over the ranks as the
+        value does, and of |d|, which moves the place that the ranks are read at.
+        """
+        installation, units, width, position, own = self.installation, self.units, self.width, self.position, self.own
+        control = law_gradient(installation, self.distance, fine=False)
+        n, order = own.size, np.argsort(own)
+        weight, control_weight = np.zeros(n), np.zeros(n)
+        steepness = []
+        for weights, by, value in ((weight, order, own), (control_weight, self.by_distance, units.distance)):
+            at, after = (_rank_weights(n, width, min(int(position) + step, n - 1)) for step in (0, 1))
+            weights[by] = at + (position - int(position)) * (after - at)
+            steepness.append(float((after - at) @ value[by]))
+        ratio = steepness[0] / steepness[1] if steepness[1] > 0 else 0.0
+        each = np.flatnonzero(weight)
+        by_offset, by_shot = mean_gradients(units.p, units.offset[each], units.shot_covariance, weight[each])
+        moved = np.zeros((n, 3))
+        moved[each] = by_offset
+        moved -= ratio * (control_weight / np.maximum(units.distance, 1e-300))[:, None] * units.offset
+        random = installation.columns.any(axis=0)
+        by_column, by_covariance = np.zeros(installation.kinds.size), np.zeros((3, 3))
+        if n > 1:
+            variances, _, axes = principal_axes(installation.mean, installation.covariance)
+            z, u = unit_coordinates(3, tuple(installation.kinds[random].tolist()), (n // BLOCKS).bit_length() - 1)
+            by_column[random] = np.einsum("ia,aj,ij->j", moved, installation.columns[:, random], u)
+            root = np.sqrt(variances)
+            # The symmetric root X of S has X dX + dX X = dS
+            turned = axes.T @ (moved.T @ z) @ axes / np.maximum(np.add.outer(root, root), 1e-300)
+            by_covariance = axes @ (0.5 * (turned + turned.T) * (np.minimum.outer(root, root) > 0)) @ axes.T
+        return LawGradient(
+            moved.sum(axis=0) + ratio * control.by_mean,
+            by_covariance + ratio * control.by_covariance,
+            by_column + ratio * control.by_log_column,
+        ), by_shot
+
+
+def _read(installation: LinearLaw, units: Units, fraction: float) -> UnitReading:
+    distance, n = law_quantile(installation, fraction, fine=False), units.distance.size
     width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
     by_distance = np.argsort(units.distance)
     position = position_of(units.distance[by_distance], width, distance.quantile_mm)
     own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
-    return width, position, by_distance, own
+    return UnitReading(installation, units, distance, width, position, by_distance, own)
 
 
-def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuantile:
-    """The fraction-quantile of R over units; the control is |d| at its own, ``distance``."""
-    width, position, by_distance, own = _window(units, fraction, distance)
-    n, order = own.size, np.argsort(own)
-    rank, distance_rank = np.empty(n), np.empty(n)
-    rank[order] = distance_rank[by_distance] = np.arange(n)
-    weight = width - np.abs(rank - position)
-    # A unit is taken by its number in the sample: neighbouring laws take the same ones.
-    near = np.flatnonzero(weight[: max(CORRECTED * n // (2 * width), 1)] > 0)
-    shift, error = _correct(units, near, own[near], weight[near])
-    ends = max(position - width, 0.0), min(position + width, n - 1.0)
-    ranked = own[order]
-    low, value, high = (average_at(ranked, width, at) for at in (ends[0], position, ends[1]))
-    density = 0.0
-    if units.blocks > 1:
-        slope = (high - low) * n / (ends[1] - ends[0])
-        density = 1 / slope if slope > 0 else 0.0
-        # The indicators R <= value and |d| <= y, each a ramp across the window.
-        inside, control = (np.clip((position - r) / (2 * width) + 0.5, 0, 1) for r in (rank, distance_rank))
-        share_error = hypot(units.standard_error(inside - control), 1 / (n * sqrt(2 * width)))
-        error = hypot(error, share_error * slope, distance.error_mm)
-    error = hypot(error, units.doubt_of_rays(near, own[near] + shift))
-    return UnitQuantile(value + shift, error, density)
+@dataclass(frozen=True, slots=True, eq=False)
+class SignedReading:
+    """Of one number that counts on one side: what of the units' own offset and what of the shots, whose quantile is the
+    same in all of them.  Their sum is what the fraction of units keeps."""
+
+    installation: LinearLaw
+    shot: LinearLaw
+    held: LawQuantile
+    again: LawQuantile
+
+    @property
+    def quantile(self) -> UnitQuantile:
+        """As that of :class:`UnitReading`."""
+        value = max(self.held.quantile_mm + self.again.quantile_mm, 0.0)
+        error = hypot(self.held.error_mm, self.again.error_mm)
+        return UnitQuantile(value, error, self.held.density if value else 0.0)
+
+    def gradient(self) -> tuple[LawGradient, Array]:
+        """As that of :class:`UnitReading`."""
+        here = float(self.held.quantile_mm + self.again.quantile_mm > 0)
+        by_unit, by_shots = law_gradient(self.installation, self.held), law_gradient(self.shot, self.again)
+        return LawGradient(*(here * part for part in by_unit)), here * by_shots.by_covariance
 
 
-def unit_quantile(
+def read_units(
     installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
-) -> UnitQuantile:
-    """The fraction-quantile over installed units of a unit's own p-quantile over shots; continuous in both laws.
+) -> UnitReading | SignedReading:
+    """What the fraction-quantile over installed units of a unit's own p-quantile over shots, and its derivatives, are
+    read from; continuous in both laws.
 
     installation: law of a unit's offset (its mean included); shot: law of what changes from shot to shot, mean 0; both
     in mm and one frame.  16 x 2^log2_units units are drawn, the same ones each time.  Raises ValueError.
     """
     fraction = probability_iv(fraction)
     if installation.is_one_sided:
-        held, own = _signed_parts(installation, shot, p, fraction)
-        value = max(held.quantile_mm + own.quantile_mm, 0.0)
-        return UnitQuantile(value, hypot(held.error_mm, own.error_mm), held.density if value else 0.0)
-    units = draw_units(installation, shot, p, log2_units)
-    return _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
+        held = OneSidedLaw(installation, fraction, True).signed_quantile(fraction)
+        return SignedReading(installation, shot, held, OneSidedLaw(shot, p, True).signed_quantile(p))
+    return _read(installation, draw_units(installation, shot, p, log2_units), fraction)
 
 
-def unit_gradient(
+def unit_quantile(
     installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
-) -> tuple[LawGradient, Array]:
-    """Derivatives of :func:`unit_quantile`: by the law of the installation, and by the covariance of the shot (3, 3),
-    1/mm, its columns taken as normal.
-
-    The units stay the same ones, so each has a derivative of its own: of R, which averages over the ranks as the value
-    does, and of |d|, which moves the place that the ranks are read at.
-    """
-    if installation.is_one_sided:
-        held, again = _signed_parts(installation, shot, p, fraction)
-        here = float(held.quantile_mm + again.quantile_mm > 0)
-        by_unit, by_shots = law_gradient(installation, held), law_gradient(shot, again)
-        return LawGradient(*(here * part for part in by_unit)), here * by_shots.by_covariance
-    units = draw_units(installation, shot, p, log2_units)
-    distance = law_quantile(installation, fraction, fine=False)
-    control = law_gradient(installation, distance, fine=False)
-    width, position, by_distance, own = _window(units, fraction, distance)
-    n, order = own.size, np.argsort(own)
-    weight, control_weight = np.zeros(n), np.zeros(n)
-    steepness = []
-    for weights, by, value in ((weight, order, own), (control_weight, by_distance, units.distance)):
-        at, after = (_rank_weights(n, width, min(int(position) + step, n - 1)) for step in (0, 1))
-        weights[by] = at + (position - int(position)) * (after - at)
-        steepness.append(float((after - at) @ value[by]))
-    ratio = steepness[0] / steepness[1] if steepness[1] > 0 else 0.0
-    each = np.flatnonzero(weight)
-    by_offset, by_shot = mean_gradients(units.p, units.offset[each], units.shot_covariance, weight[each])
-    moved = np.zeros((n, 3))
-    moved[each] = by_offset
-    moved -= ratio * (control_weight / np.maximum(units.distance, 1e-300))[:, None] * units.offset
-    random = installation.columns.any(axis=0)
-    by_column, by_covariance = np.zeros(installation.kinds.size), np.zeros((3, 3))
-    if n > 1:
-        variances, _, axes = principal_axes(installation.mean, installation.covariance)
-        z, u = unit_coordinates(3, tuple(installation.kinds[random].tolist()), log2_units)
-        by_column[random] = np.einsum("ia,aj,ij->j", moved, installation.columns[:, random], u)
-        root = np.sqrt(variances)
-        # The symmetric root X of S has X dX + dX X = dS
-        turned = axes.T @ (moved.T @ z) @ axes / np.maximum(np.add.outer(root, root), 1e-300)
-        by_covariance = axes @ (0.5 * (turned + turned.T) * (np.minimum.outer(root, root) > 0)) @ axes.T
-    return LawGradient(
-        moved.sum(axis=0) + ratio * control.by_mean,
-        by_covariance + ratio * control.by_covariance,
-        by_column + ratio * control.by_log_column,
-    ), by_shot
-
-
-def _signed_parts(
-    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float
-) -> tuple[LawQuantile, LawQuantile]:
-    """Of one number that counts on one side: what of the units' own offset and what of the shots, whose quantile is
-    the same in all of them.  Their sum is what the fraction of units keeps."""
-    return OneSidedLaw(installation, fraction, True).signed_quantile(fraction), OneSidedLaw(
-        shot, p, True
-    ).signed_quantile(p)
+) -> UnitQuantile:
+    """That of :func:`read_units`."""
+    return read_units(installation, shot, p, fraction, log2_units).quantile
 
 
 def _rank_weights(n: int, width: int, rank: int) -> Array:
@@ -445,11 +466,13 @@ def unit_risk(
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
     fraction = probability_iv(fraction)
     if installation.is_one_sided:
-        found, (_, own) = unit_quantile(installation, shot, p, fraction), _signed_parts(installation, shot, p, fraction)
-        keep = None if limit is None else OneSidedLaw(installation, fraction, True).probability(limit - own.quantile_mm)
+        read = read_units(installation, shot, p, fraction)
+        assert isinstance(read, SignedReading)
+        found, own = read.quantile, read.again.quantile_mm
+        keep = None if limit is None else OneSidedLaw(installation, fraction, True).probability(limit - own)
         return UnitRisk(p, fraction, found.value_mm, found.standard_error_mm, limit, keep, keep and 0.0, 0)
     units = draw_units(installation, shot, p, log2_units)
-    quantile = _quantile(units, fraction, law_quantile(installation, fraction, fine=False))
+    quantile = _read(installation, units, fraction).quantile
     share, error = None, None
     if limit is not None:
         share, error = _yield(units, installation, limit)
