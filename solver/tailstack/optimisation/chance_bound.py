@@ -14,8 +14,8 @@ a, b and c are the best for these chords (a linear programme), raised by what th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from ..tail.lattice import Accuracy, balls, build, on_principal_axes, sines, sum
 
 ACCURACY = Accuracy(5e-9, 1e-8, 6e4)
 ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of it, as slopes are off by as much
-FIRST, LAST, RATIO = 1e-2, 4.0, 1.4  # t at the first radius by m, and at the last; from one to the next
+FIRST, LAST, OCTAVE = 1e-2, 2.0, 6  # t at the first radius by m; the last radius; tangents until it has doubled
 FAR, AWAY, LEAST = 10.0, 0.6, 0.02  # t by m, distance from 0 by the quantile, and g, up to where tangents touch
 TRIED, SURE = 8, 0.99  # radii, and how much of the way to where two others promise p
 ENOUGH = 0.01  # of what m takes from the chance, by which it may be less than p
@@ -60,7 +60,10 @@ def raise_quantile(
     if not (lattice := build(most_mm, frame._replace(away=np.full(3, away_mm)), ACCURACY, True)).volume:
         return least_mm
     error = ERROR + SLOPES * lattice.decade
-    t = FIRST * m * RATIO ** np.arange(np.ceil(np.log(LAST / (FIRST * m)) / np.log(RATIO)) + 1)
+    rows = np.arange(np.log2(LAST / sqrt(FIRST * m)))
+    touches = sqrt(FIRST * m) * (1 + np.arange(OCTAVE) / OCTAVE) * 2.0 ** rows[:, None]
+    every = touches.ravel()
+    radii = np.array([every[0] * (1 - 0.5 / OCTAVE), *(every[1:] + every[:-1]) / 2, every[-1] * (1 + 0.5 / OCTAVE)])
     kites = _kites(*net)
 
     def alone(r: float) -> float:
@@ -68,9 +71,8 @@ def raise_quantile(
 
     def together(r: float) -> float:
         terms = lattice.w * balls(r, lattice.t)
-        pieces = list(_chords(lattice.k, terms, unit, net[0], kites, np.sqrt(t), away_mm, error))
-        low, high = (np.array(each) for each in zip(*pieces, strict=True))
-        return _most_within(m, t, alone(r), low, high)
+        low, high = _chords(lattice.k, terms, unit, net[0], kites, touches, radii, away_mm, error)
+        return _most_within(m, radii**2, alone(r), low, high)
 
     over_mm, over = most_mm, together(most_mm)
     if over <= p:
@@ -106,48 +108,63 @@ def _chords(
     unit: Array,
     directions: Array,
     kites: tuple[NDArray[np.int64], Array],
+    touches: Array,
     radii: Array,
     away_mm: float,
     error: float,
-) -> Iterator[tuple[float, float]]:
-    """Between each two radii of u the ends of a chord, over the square of the radius, above g.
+) -> tuple[Array, Array]:
+    """(J,) and (J,): between each two radii (J + 1,) of u the ends of a chord, over the square of the radius, above g.
 
-    terms (n,) of wave vectors k (n, 3); unit (3, 3): y of u; directions (D, 3) and kites: of :func:`_kites`.
+    terms (n,) of wave vectors k (n, 3); unit (3, 3): y of u; directions (D, 3) and kites: of :func:`_kites`; touches
+    (J / OCTAVE, OCTAVE): a radius between each two, in each row twice those of the row before.
     """
     owner, corners = kites
-    waves = np.ascontiguousarray((k @ unit).T)
+    farthest = away_mm / np.linalg.norm(directions @ unit.T, axis=1)
+    told = sum_waves(np.ascontiguousarray((k @ unit).T), terms, directions, touches, farthest)
+    value = np.maximum(told[:, :, 0] + error, LEAST)
+    slope = told[:, :, 1:] / value[:, :, None]
+    offset = np.log(value) - touches.reshape(-1, 1) * (slope * directions).sum(axis=2)
+    falls = -np.einsum("jqa,qva->jqv", slope[:, owner], corners).max(axis=2)
+    good = (value[:, owner] > LEAST) & (falls > 0)  # elsewhere the tangent before holds as well
     alpha, rate = np.full(len(owner), np.log(terms.sum() + error)), np.zeros(len(owner))
-    near = np.linalg.norm(directions @ unit.T, axis=1)
-    for begin, end in pairwise(radii):
-        at = (begin + end) / 2
-        told = np.zeros((len(directions), 4))
-        if (touched := at * near <= away_mm).any():
-            told[touched] = sum_waves(waves, terms, at * directions[touched])
-        value = np.maximum(told[:, 0] + error, LEAST)
-        slope = told[:, 1:] / value[:, None]
-        falls = -np.einsum("qa,qva->qv", slope[owner], corners).max(axis=1)
-        good = (value[owner] > LEAST) & (falls > 0)  # elsewhere the tangent before holds as well
-        offset = np.log(value) - at * (slope * directions).sum(axis=1)
-        alpha, rate = np.where(good, offset[owner], alpha), np.where(good, falls, rate)
-        yield float(np.exp(alpha - rate * begin).max()), float(np.exp(alpha - rate * end).max())
+    ends = np.empty((len(told), 2))
+    for j, own in enumerate(good):
+        alpha, rate = np.where(own, offset[j, owner], alpha), np.where(own, falls[j], rate)
+        ends[j] = [np.exp(alpha - rate * radius).max() for radius in radii[j : j + 2]]
+    return ends[:, 0], ends[:, 1]
 
 
 @kernel(nogil=True)
-def sum_waves(waves: Array, terms: Array, points: Array) -> Array:
-    """(P, 4): at each of P points (P, 3) the sum of terms (n,) times the cosines of ``wave . point``, waves (3, n), and
-    the slopes of this sum by the point."""
+def sum_waves(waves: Array, terms: Array, directions: Array, touches: Array, farthest: Array) -> Array:
+    """(J, D, 4): at touches (J / M, M) along each of D directions (D, 3), as far as that is not beyond ``farthest``
+    (D,), the sum of terms (n,) times the cosines of ``wave . point``, waves (3, n), and its slopes by the point; 0
+    beyond.
+
+    In each row touches are twice those of the row before: so are angles, and ``cos 2x = 1 - 2 sin^2 x``.
+    """
+    rows, columns = touches.shape
     count = len(terms)
-    found, seen = np.empty((len(points), 4)), np.empty((4, count))
-    phase, sine = np.empty(count), np.empty(count)
-    for j in range(len(points)):
+    found = np.zeros((rows * columns, len(directions), 4))
+    phase, sine, cosine, pulled = np.empty(count), np.empty(count), np.empty(count), np.empty((3, count))
+    for a in range(3):
         for i in range(count):
-            phase[i] = waves[0, i] * points[j, 0] + waves[1, i] * points[j, 1] + waves[2, i] * points[j, 2]
-        sines(1.0, phase, sine, seen[0])
-        for a in range(3):
-            for i in range(count):
-                seen[a + 1, i] = -waves[a, i] * sine[i]
-        for a in range(4):
-            found[j, a] = sum_of_products(terms, seen[a])
+            pulled[a, i] = -waves[a, i] * terms[i]
+    for j in range(len(directions)):
+        for i in range(count):
+            phase[i] = waves[0, i] * directions[j, 0] + waves[1, i] * directions[j, 1] + waves[2, i] * directions[j, 2]
+        for column in range(columns):
+            sines(touches[0, column], phase, sine, cosine)
+            for row in range(rows):
+                if touches[row, column] > farthest[j]:
+                    break
+                if row:
+                    for i in range(count):
+                        doubled = 2.0 * sine[i]
+                        cosine[i], sine[i] = 1.0 - doubled * sine[i], doubled * cosine[i]
+                own = found[row * columns + column, j]
+                own[0] = sum_of_products(terms, cosine)
+                for a in range(3):
+                    own[a + 1] = sum_of_products(pulled[a], sine)
     return found
 
 

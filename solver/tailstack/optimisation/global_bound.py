@@ -49,6 +49,7 @@ from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gra
 from .chance_bound import raise_quantile
 from .enclosure import Forms, enclose
 from .exact_law import evaluate_demand, quantiles_of
+from .mixture import Parts, mix
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
@@ -59,8 +60,8 @@ NARROWER = 0.99  # of the spacing: how wide a cell is from corner to corner
 MOST_CELLS, MOST_NUMBERS = 20_000, 2e7  # of all regions, and of the slopes there: beyond, cells are wider
 WITHOUT_SPACING = 12  # cells along an axis where beads are not kept apart
 EIGHT = np.array(list(product((-1.0, 1.0), repeat=3)))  # (8, 3) corners of a cell, and centres of its parts
-ROUNDS, UPDATES = 14, 6  # layouts added to the weights of each direction; updates of these weights after each
-MIXED, IMPROVED = 40, 8  # the same of one mixture for all directions
+ROUNDS, AGAIN, UPDATES = 14, 9, 2  # layouts added for the first direction, and for each next; updates of their shares
+MIXED, IMPROVED = 40, 3  # the same of one mixture for all directions
 MEAN_ERROR = 1e-6  # relative, of a mean over a law
 WEIGHED = 100  # updates of the weights of candidates
 SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
@@ -462,16 +463,11 @@ def slopes_at(information: Information, kind: int, place: Array, sees: NDArray[n
     forms = forms_of(information, kind, place, sees, np.eye(information.unknowns))
     y = np.column_stack([points, np.ones(len(points))])
     square = ((y @ forms.depth.T) ** 2)[:, :, None]
-    along = np.einsum("na,rkab,nb->nrk", y, forms.quadratic, y, optimize=True)
-    return Slopes(along / square, np.einsum("na,rja->nrj", y, forms.moved) / square)
-
-
-def at_corners(forms: Forms, centres: Array, half: Array, reach: Array, displaced: Array) -> Array:
-    """(n, K, 8) of :func:`enclose`.  Raises NoBound."""
-    corners = enclose(forms, centres.copy(), half, reach, np.ascontiguousarray(displaced))
-    if not isfinite(corners.max()):
-        raise NoBound("where fiducials may be reaches the source of a view")
-    return corners
+    squares = (y[:, :, None] * y[:, None]).reshape(-1, 16)
+    along = squares @ forms.quadratic.reshape(-1, 16).T
+    return Slopes(
+        along.reshape(len(y), *forms.quadratic.shape[:2]) / square, np.einsum("na,rja->nrj", y, forms.moved) / square
+    )
 
 
 class Cells(NamedTuple):
@@ -498,6 +494,17 @@ class Cells(NamedTuple):
     def most(self, values: Array) -> Array:
         """(K,): the largest sum over the beads of values (n, K) of the cells that they are in."""
         return np.asarray(self.in_each * np.take_along_axis(values, self.fullest(values), axis=0).sum(axis=0))
+
+    @property
+    def blocks(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """(n,) the block of each cell, two or fewer along each axis; (B, 3) centres of the blocks; (3,) half the extent
+        that covers each."""
+        places = [np.unique(along.round(9), return_inverse=True)[1] // 2 for along in self.centres.T]
+        owner = np.unique(np.stack(places), axis=1, return_inverse=True)[1].ravel()
+        low, high = np.full((owner.max() + 1, 3), np.inf), np.full((owner.max() + 1, 3), -np.inf)
+        np.minimum.at(low, owner, self.centres)
+        np.maximum.at(high, owner, self.centres)
+        return owner, (low + high) / 2, ((high - low).max(axis=0) / 2 + self.half) * (1 + 1e-12)
 
     @property
     def kept(self) -> int:
@@ -568,79 +575,83 @@ def _reaches(region: Shape, points: Array, within_mm: float) -> NDArray[np.bool_
 
 def most_known(information: Information, cells: tuple[Cells, ...], z: Array, together: bool = False) -> Array:
     """(K,) U: no layout has more information than that along the first three of unknowns z (K, D), rounded up; (1,)
-    along all of them ``together``."""
+    along all of them ``together``.  Raises NoBound."""
     total = known_from_target(information, z)
     total = total.sum(keepdims=True) if together else total
     for each in cells:
-        values, halved = _most_in(information, each, z, together, each.centres, each.half), np.zeros(0, dtype=np.int64)
-        while (top := np.setdiff1d(each.fullest(values), halved)).size:
-            parts = (each.centres[top][:, None] + each.half / 2 * EIGHT).reshape(-1, 3)
-            within = _most_in(information, each, z, together, parts, each.half / 2 * (1 + 1e-12))
-            values[top] = np.minimum(values[top], within.reshape(len(top), 8, -1).max(axis=1))
-            halved = np.append(halved, top)
-        total = total + each.most(values)
+        total = total + each.most(_enclose_cells(information, each, z, together))
+    if not isfinite(total.max()):
+        raise NoBound("where fiducials may be reaches the source of a view")
     return np.asarray(total * (1 + 1e-12))
 
 
-def _most_in(information: Information, cells: Cells, z: Array, together: bool, centres: Array, half: Array) -> Array:
-    """(n, K) at most what a bead tells along z anywhere in parts about centres (n, 3) with half their extents (3,);
-    (n, 1) along all of them ``together``."""
-    corners = np.zeros((len(centres), len(z), 8))
-    for place, sees, made in zip(cells.places, cells.beads.sees, cells.beads.made_mm, strict=True):
-        forms = forms_of(information, 0, place, sees, z)
-        displaced = np.zeros((len(centres), len(z), 3))
-        if made.any():
-            # f' (1 + D D')^-1 f is the least of |f - D u|^2 + |u|^2: any u will do, and the best at the centre
-            own = slopes_at(information, 0, place, sees, centres)
-            by_made = own.moved @ made
-            seen = own.unknowns @ z.T
-            inner = np.eye(3) + np.swapaxes(by_made, 1, 2) @ by_made
-            units = np.swapaxes(np.linalg.solve(inner, np.swapaxes(by_made, 1, 2) @ seen), 1, 2)
-            displaced = units @ made.T
-            corners += (units**2).sum(axis=2)[:, :, None]
-        corners += at_corners(forms, centres, half, cells.reach, displaced)
-    return np.asarray((corners.sum(axis=1, keepdims=True) if together else corners).max(axis=2))
+def _enclose_cells(information: Information, cells: Cells, z: Array, together: bool) -> Array:
+    """(n, K) at most what a bead tells along z anywhere in each cell; (n, 1) along all of them ``together``.
+
+    Blocks of cells are enclosed first, then the cells of those that may be among the fullest, then their eight parts;
+    the fullest are enclosed in parts in any case.
+    """
+    beads = cells.beads
+    forms = [forms_of(information, 0, place, sees, z) for place, sees in zip(cells.places, beads.sees, strict=True)]
+    owner, blocks, wide = cells.blocks
+    told = ((cells.slopes @ z.T) ** 2).sum(axis=1)
+    told = told.sum(axis=1, keepdims=True) if together else told
+    least = np.partition(told, -cells.kept, axis=0)[-cells.kept]
+
+    def most_in(centres: Array, along: NDArray[np.int64], half: Array) -> Array:
+        """(P,) in parts about centres (P, 3) with half their extents (3,), along z (P,)."""
+        if together:
+            along, centres = np.tile(np.arange(len(z)), len(centres)), centres.repeat(len(z), axis=0)
+        corners = np.zeros((len(centres), 8))
+        for form, made in zip(forms, beads.made_mm, strict=True):
+            corners += enclose(form, made, centres, along, half, cells.reach + half, np.zeros((len(centres), 3)))
+        return np.asarray(corners.reshape(-1, len(z) if together else 1, 8).sum(axis=1).max(axis=1))
+
+    columns = np.arange(told.shape[1])
+    values = most_in(blocks.repeat(len(columns), axis=0), np.tile(columns, len(blocks)), wide)
+    values = values.reshape(len(blocks), -1)[owner]
+    finer = np.full(values.shape, 2)  # how often a cell may be enclosed again
+    while True:
+        for parts, half in ((np.zeros((1, 3)), cells.half), (EIGHT / 2, cells.half / 2 * (1 + 1e-12))):
+            at, along = np.nonzero((values >= least) & (finer == 2 - (len(parts) > 1)))
+            within = cells.centres[at][:, None] + cells.half * parts
+            most = most_in(within.reshape(-1, 3), along.repeat(len(parts)), half).reshape(-1, len(parts)).max(axis=1)
+            values[at, along] = np.minimum(values[at, along], most)
+            finer[at, along] -= 1
+        top = cells.fullest(values)
+        if not np.take_along_axis(finer, top, axis=0).any():
+            return values
+        least = np.take_along_axis(values, top, axis=0).min(axis=0)
 
 
 def known_from_target(information: Information, z: Array) -> Array:
     """(K,) z' F0 z: what the images of the target itself tell, whatever the layout, rounded up."""
     everywhere = np.ones(len(information.projections), dtype=bool)
     forms = forms_of(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, z)
-    still, point = np.zeros(3), np.zeros((1, 3))
-    return np.asarray(at_corners(forms, point, still, still, -z[None, :, :3]).max(axis=2)[0])
+    still, points = np.zeros(3), np.zeros((len(z), 3))
+    displaced = np.ascontiguousarray(-z[:, :3])
+    return np.asarray(enclose(forms, np.zeros((3, 3)), points, np.arange(len(z)), still, still, displaced).max(axis=1))
 
 
 def choose_unknowns(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
     """z (K, D), of target part ``directions`` (K, 3), with nearly the least U: those of the layouts' mixture that knows
-    most along each (a mixture of layouts, to which the best for it is added and whose weights are then improved).
+    most along each (``mixture``).
 
     In floats: a bad choice only makes the bound worse.
     """
-    base = target_information(information)
-    uniform = base + sum(each.evenly for each in cells)
-    count, size = len(directions), information.unknowns
-    layouts = np.repeat(uniform[None, None], count, axis=0)
-    weights = np.ones((count, 1))
-    best, least = np.zeros((count, size)), np.full(count, np.inf)
-    for _ in range(ROUNDS):
-        for _ in range(UPDATES if layouts.shape[1] > 1 else 1):
-            z = _solve(_mix(weights, layouts), directions)
-            each = ((layouts.reshape(count, -1, size) @ z[:, :, None]).reshape(count, -1, size) @ z[:, :, None])[..., 0]
-            weights = weights * each / (weights * each).sum(axis=1, keepdims=True)
-        z = _solve(_mix(weights, layouts), directions)
-        known = np.einsum("kd,de,ke->k", z, base, z)
-        added = np.broadcast_to(base, (count, size, size)).copy()
-        for own in cells:
-            told = ((own.slopes @ z.T) ** 2).sum(axis=1)
-            known = known + own.most(told)
-            rows = own.slopes[own.fullest(told).T].reshape(count, -1, size)
-            added += np.swapaxes(rows, 1, 2) @ rows * own.in_each
-        better = known < least
-        best[better], least[better] = z[better], known[better]
-        share = 1 / (layouts.shape[1] + 1)
-        layouts = np.concatenate([layouts, added[:, None]], axis=1)
-        weights = np.column_stack([weights * (1 - share), np.full(count, share)])
-    return best
+    found = mix(parts_of(information, cells), directions[:, None], True, ROUNDS, AGAIN, UPDATES).z[:, 0]
+    return np.concatenate([directions, found[:, 3:]], axis=1)
+
+
+def parts_of(information: Information, cells: Sequence[Cells]) -> Parts:
+    """What a mixture of layouts is made of."""
+    base, rows = target_information(information), max(group.slopes.shape[1] for group in cells)
+    slopes = np.zeros((rows, information.unknowns, sum(len(group.centres) for group in cells)))
+    first = np.cumsum([0, *(len(group.centres) for group in cells)])
+    for group, begin, end in zip(cells, first, first[1:], strict=False):
+        slopes[: group.slopes.shape[1], :, begin:end] = group.slopes.transpose(1, 2, 0)
+    kept, in_each = (np.array([getattr(group, name) for group in cells]) for name in ("kept", "in_each"))
+    return Parts(slopes, first, kept, in_each, base, base + sum(group.evenly for group in cells))
 
 
 def least_mean_square(information: Information, cells: tuple[Cells, ...], weight: Array) -> float:
@@ -661,34 +672,16 @@ def mix_layouts(information: Information, cells: Sequence[Cells], aims: Array) -
 
     With weights w of the cells in the place of fiducials, ``F = F0 + sum of w J' R^-1 J``, that mean square is convex
     in w: the best weights are the best of all.  They are those of layouts, each the best where the mixture of those
-    before knows least, whose shares are then improved (Titterington 1978).
+    before knows least, whose shares are then improved (Newton, with a barrier).
     """
-    base, size = target_information(information), information.unknowns
-    seen = np.vstack([aims, np.zeros((size - 3, aims.shape[1]))])
-    held = [[np.full(len(group.centres), group.beads.number / len(group.centres)) for group in cells]]
-    known: Array = (base + sum(group.evenly for group in cells))[None]
-    shares: Array = np.ones(1)
-    best, most = seen, 0.0
-    for _ in range(MIXED):
-        for _ in range(IMPROVED):
-            z = np.linalg.solve(np.tensordot(shares, known, 1), seen)
-            told = known.reshape(len(known), -1) @ (z @ z.T).ravel()
-            shares = shares * told / (shares @ told)
-        z = np.linalg.solve(np.tensordot(shares, known, 1), seen)
-        layout, added, total = [], base.copy(), float((z * (base @ z)).sum())
-        for group in cells:
-            values = ((group.slopes @ z) ** 2).sum(axis=(1, 2))
-            top = group.fullest(values)
-            rows = group.slopes[top].reshape(-1, size)
-            added += group.in_each * (rows.T @ rows)
-            total += group.in_each * float(values[top].sum())
-            layout.append(group.in_each * np.bincount(top, minlength=len(values)).astype(float))
-        if (value := float((seen * z).sum()) ** 2 / total) > most:
-            best, most = z, value
-        held.append(layout)
-        known = np.concatenate([known, added[None]])
-        shares = np.append(shares * (1 - 1 / len(known)), 1 / len(known))
-    return np.asarray(best.T), [shares @ np.array(own) for own in zip(*held, strict=True)]
+    parts = parts_of(information, cells)
+    mixed = mix(parts, np.ascontiguousarray(aims.T)[None], False, MIXED, 0, IMPROVED)
+    held = [mixed.shares[0] * group.beads.number / len(group.centres) * np.ones(len(group.centres)) for group in cells]
+    for share, layout in zip(mixed.shares[1:], mixed.cells, strict=True):
+        for group, own, begin in zip(cells, held, parts.first, strict=False):
+            there = layout[(begin <= layout) & (layout < begin + len(own))] - begin
+            own[there] += share * group.in_each
+    return mixed.z[0], held
 
 
 def weigh_candidates(problem: PlacementProblem, term: DemandTerms, pools: Sequence[Array]) -> list[Array]:
@@ -708,18 +701,6 @@ def weigh_candidates(problem: PlacementProblem, term: DemandTerms, pools: Sequen
         known = [((slopes @ z) ** 2).sum(axis=(1, 2)) for slopes in each]
         weights = [np.maximum(w * own / (w @ own), 1e-99) for w, own in zip(weights, known, strict=True)]
     return weights
-
-
-def _mix(weights: Array, layouts: Array) -> Array:
-    """(K, D, D): information of layouts (K, S, D, D) with weights (K, S)."""
-    flat = weights[:, None] @ layouts.reshape(*weights.shape, -1)
-    return np.asarray(flat.reshape(len(weights), *layouts.shape[2:]))
-
-
-def _solve(information: Array, directions: Array) -> Array:
-    """(K, D): of information (K, D, D) the least ``z' F z`` whose target part is a direction (K, 3)."""
-    rest = -np.linalg.solve(information[:, 3:, 3:], information[:, 3:, :3] @ directions[:, :, None])[..., 0]
-    return np.concatenate([directions, rest], axis=1)
 
 
 def target_information(information: Information) -> Array:
@@ -754,11 +735,7 @@ def find_net(information: Information) -> Net:
     metric = (metric + metric.T) / 2
     points, faces = spread_directions(FREQUENCY)
     directions = points @ np.linalg.cholesky(metric).T
-    at_once = max(1, int(MOST_NUMBERS / (ROUNDS * information.unknowns**2)) // 8)
-    parts = [directions[k : k + at_once] for k in range(0, len(directions), at_once)]
-    known = np.concatenate(
-        [most_known(information, cells, choose_unknowns(information, cells, each)) for each in parts]
-    )
+    known = most_known(information, cells, choose_unknowns(information, cells, directions))
     vertices = directions / np.sqrt(known)[:, None]
     signed = np.concatenate([vertices, -vertices])
     planes = np.linalg.solve(signed[faces], np.ones((len(faces), 3, 1)))[..., 0]
