@@ -58,7 +58,7 @@ class BoundedAllocation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curves:
+class PriceCurves:
     """Prices as arrays (k,): ``weight h^-exponent``, or ``weight exp(-h / scale)`` where ``exponential``."""
 
     exponential: NDArray[np.bool_]
@@ -88,8 +88,8 @@ class Curves:
         curvature = np.exp(log_curvature) * np.where(self.exponential, 1.0, self.exponent * (self.exponent + 1))
         return np.asarray(4 * half_width**2 / (curvature + 2 * charge))
 
-    def only(self, chosen: NDArray[np.bool_]) -> Curves:
-        return Curves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
+    def only(self, chosen: NDArray[np.bool_]) -> PriceCurves:
+        return PriceCurves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +99,7 @@ class _Case:
     p: float
     noise: Array  # (t, 3, 3) over limit^2
     outer: Array  # (t, k, 3, 3): per^2 g g' over limit^2, per squared half-width
-    curves: Curves
+    curves: PriceCurves
     lower: Array  # (k,)
     upper: Array  # (k,) finite
 
@@ -112,9 +112,9 @@ class _Case:
         return squared_bound(self.covariance(half_width), self.p)
 
 
-def curves_of(prices: Sequence[Price]) -> Curves:
+def curves_of(prices: Sequence[Price]) -> PriceCurves:
     """Those of prices; of grades the power law through them."""
-    return Curves(
+    return PriceCurves(
         np.array([price.curve == "exponential" for price in prices]),
         np.array([price.weight for price in prices]),
         np.array([price.exponent for price in prices]),
@@ -189,7 +189,7 @@ def _case(
     low: Array,
     high: Array,
     p: float,
-) -> tuple[_Case, Curves, NDArray[np.bool_], Array]:
+) -> tuple[_Case, PriceCurves, NDArray[np.bool_], Array]:
     """(programme's data, all curves (k,), which are to be chosen (k,), the half-widths of the others (k,))."""
     curves = curves_of(prices)
     scaled = gains * std_per_half_width[:, None] / limits[:, None, None]

@@ -49,7 +49,7 @@ from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gra
 from .chance_bound import raise_quantile
 from .enclosure import Forms, enclose
 from .exact_law import evaluate_demand, quantiles_of
-from .mixture import Parts, mix
+from .mixture import MixedParts, mix
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
@@ -643,7 +643,7 @@ def choose_unknowns(information: Information, cells: tuple[Cells, ...], directio
     return np.concatenate([directions, found[:, 3:]], axis=1)
 
 
-def parts_of(information: Information, cells: Sequence[Cells]) -> Parts:
+def parts_of(information: Information, cells: Sequence[Cells]) -> MixedParts:
     """What a mixture of layouts is made of."""
     base, rows = target_information(information), max(group.slopes.shape[1] for group in cells)
     slopes = np.zeros((rows, information.unknowns, sum(len(group.centres) for group in cells)))
@@ -651,7 +651,7 @@ def parts_of(information: Information, cells: Sequence[Cells]) -> Parts:
     for group, begin, end in zip(cells, first, first[1:], strict=False):
         slopes[: group.slopes.shape[1], :, begin:end] = group.slopes.transpose(1, 2, 0)
     kept, in_each = (np.array([getattr(group, name) for group in cells]) for name in ("kept", "in_each"))
-    return Parts(slopes, first, kept, in_each, base, base + sum(group.evenly for group in cells))
+    return MixedParts(slopes, first, kept, in_each, base, base + sum(group.evenly for group in cells))
 
 
 def least_mean_square(information: Information, cells: tuple[Cells, ...], weight: Array) -> float:

@@ -25,7 +25,7 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
-from .allocation import Curves, curves_of
+from .allocation import PriceCurves, curves_of
 from .contradictions import refuse_contradictions
 from .exact_law import ExactQuantile, exact_quantile, law_slopes
 from .prices import cost_of
@@ -267,7 +267,7 @@ class _Model:
     """The least cost with ``fixed + by_square h^2 <= 1`` for each of T limits: at what these charge for the square of
     each half-width, each is the cheapest by itself."""
 
-    curves: Curves
+    curves: PriceCurves
     lower: Array  # (K,)
     upper: Array  # (K,)
     fixed: Array  # (T,)

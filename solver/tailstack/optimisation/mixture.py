@@ -16,7 +16,7 @@ WIDER = 4  # than the cells that beads are in: how many are looked at between tw
 BARRIER, SOFTER, NEARLY = 0.1, 0.7, 0.9  # of what is told, at first; from layout to layout; how near a share comes to 0
 
 
-class Parts(NamedTuple):
+class MixedParts(NamedTuple):
     """Of all groups of cells, one after the other."""
 
     slopes: Array  # (R, D, n) whitened; 0 where a group has fewer rows
@@ -180,7 +180,7 @@ def fill_largest(values: Array, first: int, largest: NDArray[np.int64]) -> None:
 
 
 @kernel(nogil=True)
-def mix(parts: Parts, aims: Array, fixed: bool, rounds: int, again: int, updates: int) -> Mixed:
+def mix(parts: MixedParts, aims: Array, fixed: bool, rounds: int, again: int, updates: int) -> Mixed:
     """For each of K sets of aims (K, A, 3), as in :func:`find_unknowns`, the z with nearly the most ``(aims . z)^2``
     over what the best layout knows along z.
 
