@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from optimise_documents import document, moving, optimised
 from optimise_scenes import BOX_MM, oracle_problem, pivot_in
 from plain_data import DEMO
 from tailstack import load_design, optimise
@@ -16,13 +17,14 @@ from tailstack.design.drawn import DrawnValues
 from tailstack.geometry.arrays import Array
 from tailstack.laws import SUMS
 from tailstack.optimisation import PlacementProblem, cost_bound
-from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for
+from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for, take_smallest
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import law_with
 from tailstack.optimisation.prices import Price, PricedGrade, of_grades, reciprocal
 from tailstack.optimisation.problem import FreeHalfWidth, mount_named, present_choice
 from tailstack.optimisation.search import prepare_search, search
 from tailstack.optimisation.terms import every_terms
+from tailstack.results import Relaxation
 from tailstack.system import Law
 from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 
@@ -235,3 +237,34 @@ def test_the_demo_is_near_the_cheapest_of_all() -> None:
     assert told is not None
     assert told.gap_percent is not None
     assert 0 <= told.gap_percent < 3
+
+
+def test_of_several_kinds_of_design_the_smallest_bound_counts() -> None:
+    """closed_form: what no layout keeps is dearer than all; where one kind has no bound, all have none."""
+    kinds = {
+        name: Relaxation(kind, 12.0, least, None, f"{name}.")
+        for name, kind, least in (("of two", "any layout", 10.0), ("of three", "any layout", 8.0))
+    }
+    found = take_smallest(kinds, 12.0, "of two or three")
+    assert (found.lower_bound, found.gap_percent) == (8.0, pytest.approx(50.0))
+    assert "that of three: of three." in found.statement
+    never = {"of four": Relaxation("any layout", 12.0, None, None, "None.")}
+    assert take_smallest(kinds | never, 12.0, "of any").lower_bound == 8.0
+    assert "keeps the limits" in take_smallest(never, 12.0, "of four").statement
+    for unknown in (None, Relaxation("none", 12.0, None, None, "No bound: pivots are free.")):
+        told = take_smallest(kinds | {"of five": unknown}, 12.0, "of any")
+        assert (told.kind, told.lower_bound) == ("none", None)
+        assert "of five" in told.statement
+
+
+@pytest.mark.long
+def test_of_any_number_of_fiducials_the_smallest_bound_counts() -> None:
+    """oracle: plain optima of each number, as the adversary; what each fiducial costs is in it."""
+    each = 60.0
+    count = {"min": 6, "max": 8, "cost_per_fiducial": each}
+    found = optimised(document(8, limit_mm=0.6, **moving(count=count))).certificate.cheapest
+    assert found is not None
+    assert found.lower_bound is not None
+    assert "of 6 to 8 fiducials" in found.statement
+    for number in (6, 7, 8):
+        assert found.lower_bound <= optimised(document(number, limit_mm=0.6, **moving())).cost_after + each * number

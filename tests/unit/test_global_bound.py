@@ -36,6 +36,7 @@ from tailstack.optimisation.cost_bound import bound_layouts
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.exchanging import mean_square
 from tailstack.optimisation.global_bound import (
+    AS_THEY_LOOK,
     Cells,
     Information,
     NoBound,
@@ -97,7 +98,7 @@ def first_term(problem: PlacementProblem) -> DemandTerms:
 def bound_of(problem: PlacementProblem) -> QuantileBound:
     term = first_term(problem)
     global_bound.net_about.cache_clear()  # some tests change what a net is made of
-    return bound_quantile(net_of(problem, term), problem, term, np.zeros(0))
+    return bound_quantile(AS_THEY_LOOK.bound_images(problem, term, np.zeros(0)), problem, term, np.zeros(0))
 
 
 def layouts(problem: PlacementProblem, rng: np.random.Generator, count: int) -> list[Array]:

@@ -22,7 +22,7 @@ from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
 from tailstack.optimisation.offer import weigh_offer
 from tailstack.optimisation.search import ALONE
-from tailstack.results import Optimisation, ViewOffer
+from tailstack.results import Optimisation, Relaxation, ViewOffer
 from tailstack.studies.views import study_views
 
 BEAM, UP = np.array([0.42261826, 0.90630779, 0.0]), np.array([0.0, 0.0, 1.0])  # LAT, only 25 deg from AP
@@ -143,6 +143,13 @@ def offer_of(found: Optimisation) -> ViewOffer:
 
 
 @dataclass(frozen=True)
+class Proof:
+    """What no design undercuts, as far as it is known."""
+
+    cheapest: Relaxation | None
+
+
+@dataclass(frozen=True)
 class Optimum:
     """What is asked of the cheapest design with a view more, or without it."""
 
@@ -150,6 +157,7 @@ class Optimum:
     cost_after: float
     cost_exact_law: float
     aimed: Any
+    certificate: Proof
     objective: str = "cost"
     view_offer: ViewOffer | None = None
 
@@ -164,12 +172,18 @@ def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs:
 
     def know(each: Design, aims: Any, rest: Any, added: Any = None) -> Any:
         aim = SimpleNamespace(view="OBL", beam_direction=tuple(BEAM), source_isocentre_mm=700.0)
-        cost = (10.0, 9.0) if added is None else (4.0, 3.5)
-        return Optimum(each.source.data, *cost, SimpleNamespace(views=(aim,)))
+        cost, least = ((10.0, 9.0), 9.5) if added is None else ((4.0, 3.5), 3.9)
+        proof = Proof(Relaxation("any layout", cost[0], least, None, f"Not below {least:g}."))
+        return Optimum(each.source.data, *cost, SimpleNamespace(views=(aim,)), proof)
 
     found = weigh_offer(design, added, know, ALONE)
     assert (found.cost_after, found.cost_exact_law) == costs
     assert (offer_of(found).cost_without, offer_of(found).cost_with, offer_of(found).worth) == (10.0, 4.0, 6.0)
+    bound = found.certificate.cheapest
+    assert bound is not None
+    assert (bound.cost, bound.lower_bound) == (costs[0], min(9.5, 3.9 + price))
+    assert bound.gap_percent == pytest.approx(100 * (costs[0] / min(9.5, 3.9 + price) - 1))
+    assert f"with OBL for {price:g} or without it" in bound.statement
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,20 @@ def unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+def turn_by(vector: Array) -> Array:
+    """Rotation (3, 3) about a vector (3,) by its length, rad."""
+    angle = float(np.linalg.norm(vector))
+    axis = skew(vector / angle) if angle else np.zeros((3, 3))
+    return np.asarray(np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis)
+
+
+def left_jacobian(vector: Array) -> Array:
+    """(3, 3): ``turn_by(vector + d)`` is ``turn_by(left_jacobian(vector) @ d) @ turn_by(vector)`` to first order."""
+    angle = max(float(np.linalg.norm(vector)), 1e-8)
+    axis = skew(vector / angle)
+    return np.asarray(np.eye(3) + (1 - np.cos(angle)) / angle * axis + (1 - np.sin(angle) / angle) * axis @ axis)
+
+
 def skew(vector: Array) -> Array:
     """``[v]x`` with ``[v]x w = v x w``.  (..., 3) -> (..., 3, 3)."""
     v = np.asarray(vector, dtype=float)

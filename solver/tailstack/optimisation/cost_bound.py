@@ -25,7 +25,7 @@ half-widths that keep the limits with L.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
@@ -43,9 +43,12 @@ from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most, number
 from ..system import Law
 from ..tail.declared import chance_gradient
+from .aimed_bound import read_looks
 from .global_bound import (
+    AS_THEY_LOOK,
     SAID,
     SAMPLED,
+    Looks,
     NoBound,
     certify_layout,
     columns_with,
@@ -53,7 +56,6 @@ from .global_bound import (
     is_bias_moved,
     law_with,
     left_out,
-    net_of,
     sure_quantile,
     value_at,
     why_none,
@@ -125,12 +127,13 @@ def bound_any_layout(
     cost: float,
     besides: float,
     most: int = MOST_CELLS,
+    looks: Looks = AS_THEY_LOOK,
 ) -> Relaxation | None:
     """What no layout within what was asked for undercuts, compared with a cost; the reason where that is not known;
     None where no cost is made least.
 
     half_width (K,): where L is chosen and the search for the bound begins; besides: what so many fiducials cost; most:
-    cells that are looked into, of which the bound found by then holds.
+    cells that are looked into, of which the bound found by then holds; looks: which way views may look.
     """
     if problem.objective != "cost" or not problem.half_widths:
         return None
@@ -143,7 +146,7 @@ def bound_any_layout(
             raise NoBound("a value of a drawing is wider in one scalar than the next, and narrower in another")
         if any(len(free.names) > 1 and not _is_bought(problem) for free in problem.half_widths):
             raise NoBound("a value of a drawing that is several scalars is chosen beside half-widths of any size")
-        allowed = [_allow(problem, term, half_width) for term in _take_leading(problem, bounded, half_width)]
+        allowed = [_allow(problem, term, half_width, looks) for term in _take_leading(problem, bounded, half_width)]
         least, is_cut = bound_allocation(problem, allowed, half_width, most)
     except NoBound as reason:
         return Relaxation("none", compared, None, None, f"No bound: {reason}.")
@@ -155,7 +158,7 @@ def bound_any_layout(
     if is_cut:
         rest += f" The search for this bound ended with its budget of {most} cells; more might raise it."
     what = f"no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for, at these pivots "
-    what += "and views, and no half-widths"
+    what += f"and {looks.words}, and no half-widths"
     if least == inf:
         statement = f"To first order, {what} within their bounds, keep the limits. Proven.{rest}"
         return Relaxation("any layout", compared, None, None, statement)
@@ -166,21 +169,39 @@ def bound_any_layout(
     return Relaxation("any layout", compared, bound, gap, statement)
 
 
+def take_smallest(kinds: Mapping[str, Relaxation | None], cost: float, which: str) -> Relaxation:
+    """What no design of several kinds undercuts, by what each kind is in words, compared with a cost; which, in words,
+    these are.  None where one of them has no bound."""
+    for name, own in kinds.items():
+        if own is None or own.kind == "none":
+            reason = f" ({own.statement.rstrip('.')})" if own is not None else ""
+            statement = f"No bound of all designs {which}: there is none of those {name}{reason}."
+            return Relaxation("none", cost, None, None, statement)
+    each = {name: own for name, own in kinds.items() if own is not None}
+    name, least = min(each.items(), key=lambda item: inf if item[1].lower_bound is None else item[1].lower_bound)
+    told = f" The smallest of {len(each)} bounds, that {name}: {least.statement}"
+    what = f"To first order, no design within what was asked for, {which},"
+    if least.lower_bound is None:
+        return Relaxation("any layout", cost, None, None, f"{what} keeps the limits.{told}")
+    bound = float(at_most(least.lower_bound, SAID))
+    gap = 100 * (cost / bound - 1)
+    statement = f"{what} can cost less than {bound:g}; this one costs {cost:.5g} ({number(gap, 2)} % more).{told}"
+    return Relaxation("any layout", cost, bound, gap, statement)
+
+
 def bound_layouts(design: Design) -> tuple[tuple[GlobalBound, ...], Relaxation | None]:
     """What no layout within the ``optimise`` section of a design undercuts, before anything is solved: for each
     requirement that it asks for at the design's half-widths, and of the cost where that is made least.  Raises
     DesignError."""
     with locate_refusals(design):
         request = read_request(design)
-    problem, section = request.problem, request.section
+    problem, section, looks = request.problem, request.section, read_looks(design, starts=0)
     terms, here = every_terms(problem), present_choice(problem)
-    each = tuple(
-        certify_layout(problem, [term for term in terms if term.demand.requirement.name == requirement.name], here)
-        for requirement in problem.requirements
-    )
+    of_each = ([term for term in terms if term.demand.requirement.name == each.name] for each in problem.requirements)
+    each = tuple(certify_layout(problem, own, here, looks) for own in of_each)
     besides = 0.0 if section.count is None else section.count.cost_per_fiducial * len(here.fiducials_mm)
     cost = problem.price_of(here) + besides
-    return each, bound_any_layout(problem, terms, here.half_width, cost, besides)
+    return each, bound_any_layout(problem, terms, here.half_width, cost, besides, looks=looks)
 
 
 def cells_for(problem: PlacementProblem, starts: int) -> int:
@@ -228,7 +249,7 @@ def _is_bought(problem: PlacementProblem) -> bool:
     return all(free.price.curve == "grades" for free in problem.half_widths)
 
 
-def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> Allowed:
+def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array, looks: Looks = AS_THEY_LOOK) -> Allowed:
     """Raises NoBound."""
     laws: list[Law | None] = [None] * len(problem.half_widths)
     for source, gain in zip(term.sources, term.gains.base, strict=True):
@@ -238,7 +259,8 @@ def _allow(problem: PlacementProblem, term: DemandTerms, half_width: Array) -> A
     held = acts & ~normal & normal.any()
     forms = np.array([FORM[law] if law and not normal.any() else (0, 0) for law in laws], dtype=np.int64)
     power, order = np.ascontiguousarray(forms.T)
-    return Allowed(term, _level_of(term), fit_images(net_of(problem, term), term, half_width), power, order, acts, held)
+    images = fit_images(looks.bound_images(problem, term, half_width).net, term, half_width)
+    return Allowed(term, _level_of(term), images, power, order, acts, held)
 
 
 class Cell(NamedTuple):

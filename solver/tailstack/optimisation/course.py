@@ -33,8 +33,10 @@ from ..design.loading import locate_refusals
 from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
+from .aimed_bound import read_looks
 from .cost_bound import enough_for
 from .front import trace_front
+from .global_bound import AS_THEY_LOOK, Looks
 from .moves import value_moves
 from .offer import weigh_offer
 from .placement import settle
@@ -75,14 +77,15 @@ def optimise(
     """
     control = Control(threads, progress, stop)
 
-    def optimise_aimed(each: Design, follow: Control) -> Optimisation:
+    def optimise_aimed(each: Design, follow: Control, free: Design) -> Optimisation:
+        """With its views as they are; what it is compared with may aim them as a design leaves them free."""
         task = read_task(each, seed=seed, starts=starts, gap=gap)
-        return optimise_task(task, LocalSearcher(task, follow), follow)
+        return optimise_task(task, LocalSearcher(task, follow), follow, read_looks(free, task.starts))
 
     def optimise_views(each: Design, aims: Control, rest: Control, added: AddedView | None = None) -> Optimisation:
         """With its views aimed first, where some are free."""
         if not (each.document.optimise and each.document.optimise.free_views):
-            return optimise_aimed(each, rest)
+            return optimise_aimed(each, rest, each)
         silent = replace(control, progress=None)
         with locate_refusals(design):
             aimed, record = aim_views(
@@ -91,10 +94,10 @@ def optimise(
                 aims,
                 added,
             )
-        found = add_aims(optimise_aimed(aimed, rest), design, record)
+        found = add_aims(optimise_aimed(aimed, rest, each), design, record)
         if record.objective_as_aimed is None or not _undercuts(each, found):
             return found
-        stayed = optimise_aimed(each, rest)  # by the closed form, before the check's margin, that was no better
+        stayed = optimise_aimed(each, rest, each)  # by the closed form, before the check's margin, that was no better
         same = _undercuts(load_design(found.design), stayed)
         return found if same else add_aims(stayed, design, leave_views(record))
 
@@ -112,8 +115,12 @@ def least_objective(task: OptimisationTask, control: Control) -> float:
     return min((value for value in reached if value is not None), default=searches[0].best_objective)
 
 
-def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) -> Optimisation:
+def optimise_task(
+    task: OptimisationTask, searcher: Searcher, control: Control, looks: Looks = AS_THEY_LOOK
+) -> Optimisation:
     """:func:`optimise` of what was read, with searches and fronts from a searcher: made here, or recorded elsewhere.
+
+    looks: which way the views of what it is compared with may look.
 
     Raises InfeasibleError, IllPosedError, NotConvergedError, and what the searcher raises.
     """
@@ -130,7 +137,7 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
             wanted = task.request.section.fewest_moves or task.request.section.stay is not None
             labels = found.problem.system.fiducial_labels
             moves = value_moves(optimum.search, found.choice, labels, fewest=wanted, control=control)
-        return report(task, optimum, counts, front, moves)
+        return report(task, optimum, counts, front, moves, looks)
 
 
 class Searcher(Protocol):

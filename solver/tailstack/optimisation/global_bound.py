@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from math import inf, isfinite, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ from ..system import Law, Place
 from ..tail.assembling import KIND
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .chance_bound import raise_quantile
-from .enclosure import Forms, enclose
+from .enclosure import Forms, Turns, enclose
 from .exact_law import evaluate_demand, quantiles_of
 from .mixture import MixedParts, mix
 from .problem import Choice, PlacementProblem
@@ -65,6 +65,7 @@ MIXED, IMPROVED = 40, 3  # the same of one mixture for all directions
 MEAN_ERROR = 1e-6  # relative, of a mean over a law
 WEIGHED = 100  # updates of the weights of candidates
 SAID = 5  # digits of the bound, rounded down: as many as every machine agrees on
+THIN, THICKER = 1e-4, 0.1  # of the net's covariance along some direction, and how much of that is taken
 INSIDE, INSIDE_ERROR = 1 - 1e-9, 1e-11  # how far L stays within its planes, and how far these may be rounded
 REACH_MM, REACH_PX = 100.0, 500.0  # sizes of a layout and of its images, for unknowns of about one size
 LAST_BARRIER, WORST_CONDITION = 1e-5, 1e12
@@ -92,6 +93,7 @@ class Information:
     target_mm: Array  # (3,) as the estimator sees it
     beads: tuple[AlikeBeads, ...]
     spacing_mm: float  # between any two
+    turns: Turns  # what else views may look at
 
     @property
     def unknowns(self) -> int:
@@ -119,21 +121,55 @@ class QuantileBound(NamedTuple):
     counts_made: bool = False  # whether manufacturing errors that are not normal are counted, by their mean square
 
 
-def bound_quantile(net: Net, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> QuantileBound:
+class ImagesBound(NamedTuple):
+    """What the images of no layout leave less than."""
+
+    net: Net
+    least: Callable[[Array], float]  # mm^2 that ``trace(weight S)`` is not below, weight (3, 3), whatever the laws
+    remark: str = ""  # how it was found, as sentences; may be empty
+
+
+class Looks(Protocol):
+    """Which way views may look."""
+
+    @property
+    def words(self) -> str:
+        """What a bound holds for beside tolerances and pivots."""
+
+    def bound_images(self, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> ImagesBound:
+        """Of one demand, for half-widths (K,) about these.  Raises NoBound."""
+
+
+@dataclass(frozen=True, slots=True)
+class AsTheyLook:
+    """Views that stay."""
+
+    words: str
+
+    def bound_images(self, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> ImagesBound:
+        net = net_of(problem, term)
+        return ImagesBound(net, lambda weight: least_mean_square(*every_law_in(problem, term), weight))
+
+
+AS_THEY_LOOK = AsTheyLook("views")
+
+
+def bound_quantile(
+    bound: ImagesBound, problem: PlacementProblem, term: DemandTerms, half_width: Array
+) -> QuantileBound:
     """Proven to first order: at these half-widths (K,) no layout within the envelope has a smaller quantile.
 
-    net: of :func:`net_of`.  Raises NoBound, with the reason.
+    bound: of what images leave.  Raises NoBound, with the reason.
     """
     requirement, bias, moved = term.demand.requirement, term.bias_mm, is_bias_moved(problem)
-    images = fit_images(net, term, half_width)
+    images = fit_images(bound.net, term, half_width)
     if term.demand.nested:
         return _bound_units(term, half_width, images, moved)
     law = law_with(term, half_width, images)
     if (value := value_of(requirement)) is None:
 
         def known(weight: Array) -> float:
-            told, to_error = every_law_in(problem, term), term.to_error
-            return least_mean_square(*told, to_error.T @ weight @ to_error) - float((weight * images).sum())
+            return bound.least(term.to_error.T @ weight @ term.to_error) - float((weight * images).sum())
 
         return _bound_pooled(law, requirement.quantile, bias, moved, known)
     sure_quantile(law, requirement.quantile)  # where that is sampled, so is the mean
@@ -189,12 +225,22 @@ def _fit_images(net: Net, term: DemandTerms, widths: tuple[float, ...]) -> Array
     half_width = np.array(widths)
     to_error, least = term.to_error, net.metric
     for _ in range(2):  # which L is best depends on the law that it makes
-        slopes = _slopes_by_images(term, half_width, to_error @ least @ to_error.T)
-        least = fit_below(net, to_error.T @ slopes @ to_error)
+        slopes = slopes_by_images(term, half_width, to_error @ least @ to_error.T)
+        least = thicken(net, fit_below(net, to_error.T @ slopes @ to_error))
     return frozen(np.asarray(to_error @ least @ to_error.T))
 
 
-def _slopes_by_images(term: DemandTerms, half_width: Array, images: Array) -> Array:
+def thicken(net: Net, least: Array) -> Array:
+    """L (3, 3) mm^2 below the covariance of every layout, with some of the net's own where it has nearly no extent in a
+    direction: a law that lies in a plane has no chances in space (``raise_quantile``)."""
+    root = np.linalg.inv(np.linalg.cholesky(net.metric))
+    if np.linalg.eigvalsh(root @ least @ root.T)[0] > THIN:
+        return least
+    round_mm2 = net.metric * INSIDE / np.einsum("fa,ab,fb->f", net.planes, net.metric, net.planes).max()
+    return (1 - THICKER) * least + THICKER * np.asarray(round_mm2)
+
+
+def slopes_by_images(term: DemandTerms, half_width: Array, images: Array) -> Array:
     """(3, 3) 1/mm: how what is limited feels the covariance images (3, 3) mm^2."""
     law, requirement = law_with(term, half_width, images), term.demand.requirement
     return mixture_gradient(law, quantiles_of(law, requirement), requirement.quantile).by_covariance
@@ -204,7 +250,7 @@ def net_of(problem: PlacementProblem, term: DemandTerms) -> Net:
     """Of all that a problem leaves free, for one demand.  Raises NoBound, with the reason."""
     if reason := why_none(problem, term):
         raise NoBound(reason)
-    return net_about(problem, tuple(term.reconstructed_mm[0].tolist()), _counts_made(problem, term))
+    return net_about(problem, tuple(term.reconstructed_mm[0].tolist()), counts_manufacturing(problem, term))
 
 
 @lru_cache(maxsize=8)
@@ -213,9 +259,11 @@ def net_about(problem: PlacementProblem, target_mm: tuple[float, ...], made: boo
     return find_net(information_about(problem, np.array(target_mm), made))
 
 
-def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choice: Choice) -> GlobalBound:
+def certify_layout(
+    problem: PlacementProblem, terms: Sequence[DemandTerms], choice: Choice, looks: Looks = AS_THEY_LOOK
+) -> GlobalBound:
     """How far the quantile nearest to its limit is from the best that any layout could reach at the half-widths of a
-    choice, and at the smallest of those that are free; or why that is not known."""
+    choice, and at the smallest of those that are free, whichever way views may look; or why that is not known."""
     reasons = [why_none(problem, term) for term in terms]
     each = [(value_at(problem, term, choice), term) for term, no in zip(terms, reasons, strict=True) if not no]
     value, term = max(each, key=lambda pair: pair[0] / pair[1].demand.requirement.limit, default=(inf, terms[0]))
@@ -223,10 +271,10 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
     reached = value if isfinite(value) else None
     told = GlobalBound(demand.requirement.name, demand.site.name, limit, reached, None, None, None, (), "")
     try:
-        net = net_of(problem, term)
-        bound = bound_quantile(net, problem, term, choice.half_width)
-        at_least = bound_quantile(net, problem, term, problem.lower) if problem.half_widths else None
-        images = None if reached is None else _gap_of_images(problem, term, choice)
+        known = looks.bound_images(problem, term, choice.half_width)
+        bound = bound_quantile(known, problem, term, choice.half_width)
+        at_least = bound_quantile(known, problem, term, problem.lower) if problem.half_widths else None
+        images = None if reached is None else _gap_of_images(known, problem, term, choice)
     except NoBound as reason:
         return replace(told, statement=f"No bound: {reason}.")
     names, least = left_out(problem, term, bound.counts_made), float(at_most(bound.value_mm, SAID))
@@ -244,8 +292,8 @@ def certify_layout(problem: PlacementProblem, terms: Sequence[DemandTerms], choi
         rest = f" So none keeps the limit of {limit:g} mm{smallest}.{rest}"
     statement = (
         f"To first order, no layout of {len(problem.system.fiducial_labels)} fiducials within what was asked for has, "
-        f"at these tolerances, pivots and views, {demand.text} below {least:g} mm{bound.bias_in_words}{own}. "
-        f"Proven.{rest}"
+        f"at these tolerances, pivots and {looks.words}, {demand.text} below {least:g} mm{bound.bias_in_words}{own}. "
+        f"Proven.{rest}{known.remark}"
     )
     return replace(
         told,
@@ -266,13 +314,13 @@ def value_at(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> fl
         return inf
 
 
-def _gap_of_images(problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
+def _gap_of_images(bound: ImagesBound, problem: PlacementProblem, term: DemandTerms, choice: Choice) -> float:
     """How far the root mean square of what comes through the images of a layout is above the least of any, %, as what
     is limited feels it; covariances are bounded whatever the laws are."""
     images = evaluate_demand(problem, term, choice).images
     covariance = images.noise + images.made
-    felt = _slopes_by_images(term, choice.half_width, covariance)
-    least = least_mean_square(*every_law_in(problem, term), term.to_error.T @ felt @ term.to_error)
+    felt = slopes_by_images(term, choice.half_width, covariance)
+    least = bound.least(term.to_error.T @ felt @ term.to_error)
     return float(100 * (sqrt((felt * covariance).sum() / least) - 1))
 
 
@@ -300,16 +348,17 @@ def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
 
 
 def left_out(problem: PlacementProblem, term: DemandTerms, counts_made: bool = False) -> tuple[str, ...]:
-    """Labels of what the bound does not count, and which can only add to it; counts_made: by their mean square."""
-    system, counts_made = problem.system, counts_made or _counts_made(problem, term)
-    effects = [each for each in system.errors_of_points if not each.of_target and not counts_made]
+    """Labels of what the bound does not count, and which can only add to it; counts_made: manufacturing
+    errors are counted, by their mean square."""
+    system, made = problem.system, counts_made or counts_manufacturing(problem, term)
+    effects = [each for each in system.errors_of_points if not each.of_target and not made]
     names = [each.words for each in effects if not each.acts_at(Place.IMAGES)]
     names += [each.words for each in (*system.believed_errors, *system.shared_image_errors) if each is not None]
     bounded = [source.contributor for source in term.sources if source.law is Law.BOUNDED]
     return tuple(dict.fromkeys((*names, *(f"bounded components of {name}" for name in bounded))))
 
 
-def _counts_made(problem: PlacementProblem, term: DemandTerms) -> bool:
+def counts_manufacturing(problem: PlacementProblem, term: DemandTerms) -> bool:
     """Whether manufacturing errors are part of the normal covariance that is bounded; a unit holds them."""
     return problem.system.manufacturing_law is Law.NORMAL and not term.demand.nested
 
@@ -365,7 +414,7 @@ def least_quantile(law: LinearLaw, p: float) -> float:
 def information_of(problem: PlacementProblem, term: DemandTerms, every_law: bool = False) -> Information:
     """Of the images of the target of a demand and of all fiducials, wherever they may be; with manufacturing errors of
     ``every_law``, or of those that a quantile is bounded with."""
-    return information_about(problem, term.reconstructed_mm[0], every_law or _counts_made(problem, term))
+    return information_about(problem, term.reconstructed_mm[0], every_law or counts_manufacturing(problem, term))
 
 
 def information_about(problem: PlacementProblem, target: Array, with_made: bool) -> Information:
@@ -400,7 +449,22 @@ def information_about(problem: PlacementProblem, target: Array, with_made: bool)
         groups[key] = AlikeBeads(number, region, maps, sees, made)
     known = system.estimator.believes_intrinsics
     tangents, sizes = zip(*(_tangents(known, each, target) for each in projections), strict=True)
-    return Information(projections, tangents, sizes, whiten, target, tuple(groups.values()), problem.min_spacing_mm)
+    beads, turns = tuple(groups.values()), still(len(projections))
+    return Information(projections, tangents, sizes, whiten, target, beads, problem.min_spacing_mm, turns)
+
+
+def still(views: int) -> Turns:
+    """So many views that look where they do."""
+    nothing = np.zeros(0, dtype=np.int64)
+    return Turns(np.zeros((0, 3, 4)), np.zeros((0, 3, 3)), nothing, np.zeros(views), np.zeros((views, 3)))
+
+
+def turns_from(turns: Turns, place: Array) -> Turns:
+    """The same in the coordinates of points that are at ``place @ (x, 1)``, (4, 4) an isometry."""
+    back, whole = np.linalg.inv(place), np.zeros((len(turns.ways), 4, 4))
+    whole[:, :3] = turns.ways
+    pivots = turns.pivots_mm @ back[:3, :3].T + back[:3, 3]
+    return turns._replace(ways=np.ascontiguousarray((back @ whole @ place)[:, :3]), pivots_mm=pivots)
 
 
 def _tangents(knows_intrinsics: bool, projection: Array, origin_mm: Array) -> tuple[Array, Array]:
@@ -427,7 +491,7 @@ def _tangents(knows_intrinsics: bool, projection: Array, origin_mm: Array) -> tu
 def forms_of(information: Information, kind: int, place: Array, sees: NDArray[np.bool_], z: Array) -> Forms:
     """What unknowns z (K, D) do to the images of a point ``place @ (x, 1)`` in the views that see it; kind: 0 of a
     fiducial, 1 of the target."""
-    quadratic, size, depth, moved, moved_size = [], [], [], [], []
+    quadratic, size, depth, moved, moved_size, view = [], [], [], [], [], []
     for v, (change, sizes) in enumerate(information.changes(z)):
         if not sees[v]:
             continue
@@ -443,7 +507,8 @@ def forms_of(information: Information, kind: int, place: Array, sees: NDArray[np
             depth.append(head[2])
             moved.append(_outer(both @ turned, head[2]) - _outer(turned[2], both @ head))
             moved_size.append(_outer(heavy @ turned_size, head_size[2]) + _outer(turned_size[2], heavy @ head_size))
-    return Forms(*(np.array(each) for each in (quadratic, size, depth, moved, moved_size)))
+            view.append(v)
+    return Forms(*(np.array(each) for each in (quadratic, size, depth, moved, moved_size, view)))
 
 
 def _outer(first: Array, second: Array) -> Array:
@@ -575,62 +640,74 @@ def _reaches(region: Shape, points: Array, within_mm: float) -> NDArray[np.bool_
 
 def most_known(information: Information, cells: tuple[Cells, ...], z: Array, together: bool = False) -> Array:
     """(K,) U: no layout has more information than that along the first three of unknowns z (K, D), rounded up; (1,)
-    along all of them ``together``.  Raises NoBound."""
-    total = known_from_target(information, z)
-    total = total.sum(keepdims=True) if together else total
+    along all of them ``together``.  Wherever views look, each sum is convex in that: the most is at a corner.  Raises
+    NoBound."""
+    total, corners = known_from_target(information, z), 1 << len(information.turns.of_view)
+    total = total.reshape(len(z), -1).sum(axis=0) if together else total
     for each in cells:
         total = total + each.most(_enclose_cells(information, each, z, together))
     if not isfinite(total.max()):
         raise NoBound("where fiducials may be reaches the source of a view")
-    return np.asarray(total * (1 + 1e-12))
+    return np.asarray(total.reshape(-1, corners).max(axis=1) * (1 + 1e-12))
 
 
 def _enclose_cells(information: Information, cells: Cells, z: Array, together: bool) -> Array:
-    """(n, K) at most what a bead tells along z anywhere in each cell; (n, 1) along all of them ``together``.
+    """(n, K 2^P) at most what a bead tells along z anywhere in each cell, at each corner of what turns the views;
+    (n, 2^P) along all of them ``together``.
 
     Blocks of cells are enclosed first, then the cells of those that may be among the fullest, then their eight parts;
     the fullest are enclosed in parts in any case.
     """
     beads = cells.beads
     forms = [forms_of(information, 0, place, sees, z) for place, sees in zip(cells.places, beads.sees, strict=True)]
+    turns = [turns_from(information.turns, place) for place in cells.places]
     owner, blocks, wide = cells.blocks
     told = ((cells.slopes @ z.T) ** 2).sum(axis=1)
     told = told.sum(axis=1, keepdims=True) if together else told
-    least = np.partition(told, -cells.kept, axis=0)[-cells.kept]
+    least = np.partition(told, -cells.kept, axis=0)[-cells.kept][:, None]
 
     def most_in(centres: Array, along: NDArray[np.int64], half: Array) -> Array:
-        """(P,) in parts about centres (P, 3) with half their extents (3,), along z (P,)."""
+        """(n, 2^P) in parts about centres (n, 3) with half their extents (3,), along z (n,)."""
         if together:
             along, centres = np.tile(np.arange(len(z)), len(centres)), centres.repeat(len(z), axis=0)
-        corners = np.zeros((len(centres), 8))
-        for form, made in zip(forms, beads.made_mm, strict=True):
-            corners += enclose(form, made, centres, along, half, cells.reach + half, np.zeros((len(centres), 3)))
-        return np.asarray(corners.reshape(-1, len(z) if together else 1, 8).sum(axis=1).max(axis=1))
+        reach, nowhere = cells.reach + half, np.zeros((len(centres), 3))
+        each = [
+            enclose(form, turn, made, centres, along, half, reach, nowhere)
+            for form, turn, made in zip(forms, turns, beads.made_mm, strict=True)
+        ]
+        corners = sum(each[1:], each[0])
+        return np.asarray(corners.reshape(-1, len(z) if together else 1, *corners.shape[1:]).sum(axis=1).max(axis=2))
 
     columns = np.arange(told.shape[1])
     values = most_in(blocks.repeat(len(columns), axis=0), np.tile(columns, len(blocks)), wide)
-    values = values.reshape(len(blocks), -1)[owner]
+    values = values.reshape(len(blocks), len(columns), -1)[owner]
     finer = np.full(values.shape, 2)  # how often a cell may be enclosed again
     while True:
         for parts, half in ((np.zeros((1, 3)), cells.half), (EIGHT / 2, cells.half / 2 * (1 + 1e-12))):
-            at, along = np.nonzero((values >= least) & (finer == 2 - (len(parts) > 1)))
+            at, along = np.nonzero((values >= least).any(axis=2) & (finer[:, :, 0] == 2 - (len(parts) > 1)))
             within = cells.centres[at][:, None] + cells.half * parts
-            most = most_in(within.reshape(-1, 3), along.repeat(len(parts)), half).reshape(-1, len(parts)).max(axis=1)
-            values[at, along] = np.minimum(values[at, along], most)
+            most = most_in(within.reshape(-1, 3), along.repeat(len(parts)), half)
+            most = most.reshape(-1, len(parts), values.shape[2]).max(axis=1)
+            # Of two convex bounds one or the other is convex in where views look, and not the less at each corner
+            less = most.sum(axis=1, keepdims=True) < values[at, along].sum(axis=1, keepdims=True)
+            values[at, along] = np.where(less, most, values[at, along])
             finer[at, along] -= 1
-        top = cells.fullest(values)
-        if not np.take_along_axis(finer, top, axis=0).any():
-            return values
-        least = np.take_along_axis(values, top, axis=0).min(axis=0)
+        flat = values.reshape(len(values), -1)
+        top = cells.fullest(flat)
+        if not np.take_along_axis(finer.reshape(flat.shape), top, axis=0).any():
+            return flat
+        least = np.take_along_axis(flat, top, axis=0).min(axis=0).reshape(len(columns), -1)
 
 
 def known_from_target(information: Information, z: Array) -> Array:
-    """(K,) z' F0 z: what the images of the target itself tell, whatever the layout, rounded up."""
+    """(K 2^P,) z' F0 z: what the images of the target itself tell, whatever the layout, at each corner of what turns
+    the views, rounded up."""
     everywhere = np.ones(len(information.projections), dtype=bool)
-    forms = forms_of(information, 1, rigid_transform(np.eye(3), information.target_mm), everywhere, z)
-    still, points = np.zeros(3), np.zeros((len(z), 3))
-    displaced = np.ascontiguousarray(-z[:, :3])
-    return np.asarray(enclose(forms, np.zeros((3, 3)), points, np.arange(len(z)), still, still, displaced).max(axis=1))
+    place = rigid_transform(np.eye(3), information.target_mm)
+    forms, turns = forms_of(information, 1, place, everywhere, z), turns_from(information.turns, place)
+    flat, points, displaced = np.zeros(3), np.zeros((len(z), 3)), np.ascontiguousarray(-z[:, :3])
+    told = enclose(forms, turns, np.zeros((3, 3)), points, np.arange(len(z)), flat, flat, displaced)
+    return np.asarray(told.max(axis=2).ravel())
 
 
 def choose_unknowns(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
@@ -666,16 +743,19 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
     return float((aims.T * z[:, :3]).sum() ** 2 / most_known(information, cells, z, together=True)[0]) * INSIDE
 
 
-def mix_layouts(information: Information, cells: Sequence[Cells], aims: Array) -> tuple[Array, list[Array]]:
+def mix_layouts(
+    information: Information, cells: Sequence[Cells], aims: Array, rounds: int = MIXED
+) -> tuple[Array, list[Array]]:
     """Of the mixture of layouts with nearly the least mean square along aims (3, A), a column for each: z (A, D), for
     which no layout is far below, and (n,) of each group of cells how many fiducials it has there.
 
     With weights w of the cells in the place of fiducials, ``F = F0 + sum of w J' R^-1 J``, that mean square is convex
     in w: the best weights are the best of all.  They are those of layouts, each the best where the mixture of those
-    before knows least, whose shares are then improved (Newton, with a barrier).
+    before knows least, whose shares are then improved (Newton, with a barrier).  rounds: so
+    many are added.
     """
     parts = parts_of(information, cells)
-    mixed = mix(parts, np.ascontiguousarray(aims.T)[None], False, MIXED, 0, IMPROVED)
+    mixed = mix(parts, np.ascontiguousarray(aims.T)[None], False, rounds, 0, IMPROVED)
     held = [mixed.shares[0] * group.beads.number / len(group.centres) * np.ones(len(group.centres)) for group in cells]
     for share, layout in zip(mixed.shares[1:], mixed.cells, strict=True):
         for group, own, begin in zip(cells, held, parts.first, strict=False):
@@ -728,14 +808,25 @@ class Net:
 def find_net(information: Information) -> Net:
     """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
     cells = cells_in(information)
-    mixed = target_information(information) + sum(each.evenly for each in cells)
-    if np.linalg.cond(mixed[3:, 3:]) > WORST_CONDITION:
-        raise NoBound("fiducials where they may be leave what the views' estimates seek open")
-    metric = np.linalg.inv(mixed[:3, :3] - mixed[:3, 3:] @ np.linalg.solve(mixed[3:, 3:], mixed[3:, :3]))
-    metric = (metric + metric.T) / 2
+    metric = covariance_in(target_information(information) + sum(each.evenly for each in cells))
     points, faces = spread_directions(FREQUENCY)
     directions = points @ np.linalg.cholesky(metric).T
     known = most_known(information, cells, choose_unknowns(information, cells, directions))
+    return net_through(directions, faces, known, metric)
+
+
+def covariance_in(information: Array) -> Array:
+    """(3, 3) mm^2 of a target that is known as well as that (D, D) says.  Raises NoBound."""
+    if np.linalg.cond(information[3:, 3:]) > WORST_CONDITION:
+        raise NoBound("fiducials where they may be leave what the views' estimates seek open")
+    along = np.linalg.solve(information[3:, 3:], information[3:, :3])
+    covariance = np.linalg.inv(information[:3, :3] - information[:3, 3:] @ along)
+    return np.asarray((covariance + covariance.T) / 2)
+
+
+def net_through(directions: Array, faces: NDArray[np.int64], known: Array, metric: Array) -> Net:
+    """The net of directions (n, 3), along which any layout knows at most ``known`` (n,), with the triangles (F, 3) of
+    :func:`spread_directions`.  Raises NoBound."""
     vertices = directions / np.sqrt(known)[:, None]
     signed = np.concatenate([vertices, -vertices])
     planes = np.linalg.solve(signed[faces], np.ones((len(faces), 3, 1)))[..., 0]

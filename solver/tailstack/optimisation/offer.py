@@ -9,8 +9,9 @@ from typing import Any, Protocol
 from ..design import Design, load_design
 from ..design.optimise_document import AddedView
 from ..errors import NotConvergedError, Problem, TailstackError
-from ..results import Optimisation, ViewOffer
+from ..results import Optimisation, Relaxation, ViewOffer
 from ..results.digits import at_most
+from .cost_bound import take_smallest
 from .reporting import find_p95_mm
 from .search import Control
 from .views import MOST_SOLVED, find_view
@@ -102,8 +103,20 @@ def _choose(
     )  # fmt: skip
     if isinstance(without, TailstackError) or offer.added:
         exact = None if with_view.cost_exact_law is None else with_view.cost_exact_law + added.price
-        return _record(replace(with_view, cost_after=with_view.cost_after + added.price, cost_exact_law=exact), offer)
-    return _record(without, offer)
+        chosen = replace(with_view, cost_after=with_view.cost_after + added.price, cost_exact_law=exact)
+    else:
+        chosen = without
+    cheapest = None if isinstance(without, TailstackError) else without.certificate.cheapest
+    bound = _bound_both(added, chosen.cost_after, cheapest, with_view.certificate.cheapest)
+    return _record(replace(chosen, certificate=replace(chosen.certificate, cheapest=bound)), offer)
+
+
+def _bound_both(added: AddedView, cost: float, without: Relaxation | None, with_view: Relaxation | None) -> Relaxation:
+    """What no design undercuts, with the view or without it, the price counted; compared with a cost."""
+    if with_view is not None and with_view.lower_bound is not None:
+        with_view = replace(with_view, lower_bound=with_view.lower_bound + added.price)
+    kinds = {f"without {added.add}": without, f"with {added.add}, its price of {added.price:g} not counted": with_view}
+    return take_smallest(kinds, cost, f"with {added.add} for {added.price:g} or without it")
 
 
 def _find_p95_with(design: Design, added: AddedView, optimisation: Optimisation) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from ..results import (
     MovedPivot,
     MovesValue,
     Optimisation,
+    Relaxation,
     ShadowPrice,
     ViewSearch,
 )
@@ -27,17 +29,17 @@ from ..results.digits import at_least, percent_change
 from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding
-from .cost_bound import bound_any_layout, cells_for
+from .cost_bound import bound_any_layout, cells_for, take_smallest
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
-from .global_bound import certify_layout
+from .global_bound import Looks, certify_layout
 from .half_widths import list_changes
 from .present import present_design, price_as_written, say_outside
 from .problem import Choice, PlacementProblem, label_of, name_held, present_choice
 from .request import OptimiseRequest, read_request
 from .shadow_prices import price_bounds
 from .task import OptimisationTask
-from .terms import DemandTerms, pivot_shift_of, terms_of
+from .terms import DemandTerms, every_terms, pivot_shift_of, terms_of
 from .tightening import VerifiedOptimum
 
 NEAR = 0.01  # a design that is kept has the shadow prices of an optimum that costs about as much
@@ -49,8 +51,9 @@ def report(
     counts: tuple[CountTried, ...],
     front: tuple[FrontPoint, ...],
     moves: MovesValue | None,
+    looks: Looks,
 ) -> Optimisation:
-    """Costs and P95 are recomputed from the new document as written."""
+    """Costs and P95 are recomputed from the new document as written; looks: which way its views might look."""
     request, optimum = task.request, verified.optimum
     solution = optimum.solution
     problem = optimum.problem
@@ -102,15 +105,10 @@ def report(
             stopped=search.stopped,
             gap=task.gap,
             verification=verified.verification,
-            global_bound=certify_layout(problem, search.terms, replace(optimum.choice, half_width=now.half_width)),
-            cheapest=bound_any_layout(
-                problem,
-                search.terms,
-                now.half_width,
-                cost_after,
-                fiducials_cost,
-                cells_for(problem, search.starts),
+            global_bound=certify_layout(
+                problem, search.terms, replace(optimum.choice, half_width=now.half_width), looks
             ),
+            cheapest=_bound_cost(task, verified, now.half_width, (cost_after, fiducials_cost), looks),
         ),
         shadow_prices=_shadow_prices(verified),
         binding=()
@@ -141,6 +139,25 @@ def report(
             task, verified, (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
         ),
     )
+
+
+def _bound_cost(
+    task: OptimisationTask, verified: VerifiedOptimum, half_width: Array, costs: tuple[float, float], looks: Looks
+) -> Relaxation | None:
+    """What no layout of any number of fiducials that was to be tried undercuts, compared with the cost; costs: that and
+    what its fiducials cost."""
+    search, problem = verified.search, verified.optimum.problem
+    most = cells_for(problem, search.starts)
+    if len(task.counts) == 1 or problem.objective != "cost":
+        return bound_any_layout(problem, search.terms, half_width, *costs, most, looks)
+    each = costs[1] / len(problem.system.fiducial_labels)
+    kinds = {
+        f"of {number} fiducials": bound_any_layout(own, every_terms(own), half_width, inf, each * number, most, looks)
+        for number, own in zip(task.counts, task.problems, strict=True)
+    }
+    if None in kinds.values():
+        return None
+    return take_smallest(kinds, costs[0], f"of {task.counts[0]} to {task.counts[-1]} fiducials")
 
 
 def _say_as_it_stood(task: OptimisationTask, verified: VerifiedOptimum, made_least: tuple[float | None, float]) -> str:

@@ -366,7 +366,9 @@ def _confidence_sentence(optimisation: Optimisation) -> str:
     bound = proof.global_bound
     if bound is not None and bound.lower_bound_mm is not None and bound.quantile_mm is not None:
         least, reached = at_most(bound.lower_bound_mm), number(bound.quantile_mm)
-        better += " It is proved of the estimate that at these tolerances no layout of so many fiducials brings what "
+        better += " It is proved of the estimate that at these tolerances "
+        better += "" if optimisation.aimed is None else "and in any views that the certificate names "
+        better += "no layout of so many fiducials brings what "
         better += f"{bound.requirement} limits below {least} mm at {bound.target}, where it is {reached} mm."
     if proof.cheapest is not None and (gap := proof.cheapest.gap_percent) is not None:
         better += " It is proved of the estimate that no layout of so many fiducials can cost less than "
