@@ -21,7 +21,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.geometry.camera import aim
 from tailstack.geometry.rotation import left_jacobian, turn_by
 from tailstack.optimisation import global_bound
-from tailstack.optimisation.aimed_bound import AimedViews, Box, read_looks
+from tailstack.optimisation.aimed_bound import AimBox, AimedViews, read_looks
 from tailstack.optimisation.exact_law import evaluate_demand
 from tailstack.optimisation.global_bound import (
     Information,
@@ -146,10 +146,10 @@ def test_no_direction_and_no_layout_undercut_it(estimator: str, free: dict[str, 
 
 
 @cache
-def one_box() -> tuple[PlacementProblem, DemandTerms, Box, Information]:
+def one_box() -> tuple[PlacementProblem, DemandTerms, AimBox, Information]:
     """Two turns by up to 3 deg and a distance by up to 20 mm about an aim far from that as written."""
     problem, term = read(written())
-    box = Box(np.array([radians(9.0), radians(-14.0), 720.0]), np.array([radians(3.0), radians(3.0), 20.0]))
+    box = AimBox(np.array([radians(9.0), radians(-14.0), 720.0]), np.array([radians(3.0), radians(3.0), 20.0]))
     return problem, term, box, looks_of(MOVED, 1).aim(problem, term.reconstructed_mm[0], box, every_law=False)
 
 
@@ -178,7 +178,7 @@ def told_by(information: Information, kind: int, points: Array, z: Array, carrie
     return total
 
 
-def largest_found(information: Information, box: Box, z: Array, rng: np.random.Generator) -> float:
+def largest_found(information: Information, box: AimBox, z: Array, rng: np.random.Generator) -> float:
     """The most that one bead and the target tell along z at 300 places of each of 60 ways to aim."""
     (cells,) = cells_in(information)
     low, high = np.array(BOX["min_mm"]), np.array(BOX["max_mm"])

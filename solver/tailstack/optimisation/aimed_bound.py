@@ -156,7 +156,7 @@ def _seat_of(system: System) -> Array:
 
 
 @dataclass(slots=True, eq=False)
-class Box:
+class AimBox:
     """Ways to aim, and what no layout undercuts in any of them."""
 
     at: Array  # (P,) numbers of its middle
@@ -202,7 +202,7 @@ class AimedViews:
 
     def _bound(self, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> ImagesBound:
         bounds = np.concatenate([aim.bounds for aim in self.aims])
-        root = Box(bounds.mean(axis=1), np.diff(bounds)[:, 0] / 2)
+        root = AimBox(bounds.mean(axis=1), np.diff(bounds)[:, 0] / 2)
         information = self.aim(problem, term.reconstructed_mm[0], root, every_law=True)
         even = sum((group.evenly for group in cells_in(information)), target_information(information))
         metric = covariance_in(even)
@@ -219,7 +219,7 @@ class AimedViews:
         net = net_through(directions, faces, known, metric)
         return ImagesBound(net, lambda other: min(box.bound(other) for box in boxes), f"{remark}.")
 
-    def _halve(self, root: Box, look: Callable[[Box], None]) -> tuple[list[Box], int]:
+    def _halve(self, root: AimBox, look: Callable[[AimBox], None]) -> tuple[list[AimBox], int]:
         """What is left of a box, that with the least bound first, and how many were looked into."""
         look(root)
         sizes = np.concatenate([aim.sizes for aim in self.aims])
@@ -228,7 +228,7 @@ class AimedViews:
             above = heappop(heap)[2]
             side = (np.arange(len(sizes)) == (above.half / sizes).argmax()) * above.half / 2
             for middle in (above.at - side, above.at + side):
-                box = Box(middle, above.half - side, above.least)
+                box = AimBox(middle, above.half - side, above.least)
                 if self._cones_hold(box.at, box.half):
                     look(box)
                     looked += 1
@@ -245,7 +245,7 @@ class AimedViews:
             for aim, middle, wide in zip(self.aims, np.split(at, parts), np.split(half, parts), strict=True)
         )
 
-    def _look(self, box: Box, problem: PlacementProblem, term: DemandTerms, weight: Array) -> None:
+    def _look(self, box: AimBox, problem: PlacementProblem, term: DemandTerms, weight: Array) -> None:
         """Choose z for a box, and bound the mean square of a weight (3, 3) there."""
         information = self.aim(problem, term.reconstructed_mm[0], box, every_law=True)
         cells, base = cells_in(information), target_information(information)
@@ -265,13 +265,13 @@ class AimedViews:
             return
         box.least = max(box.least, box.bound(weight))
 
-    def _know(self, box: Box, problem: PlacementProblem, term: DemandTerms, directions: Array) -> Array:
+    def _know(self, box: AimBox, problem: PlacementProblem, term: DemandTerms, directions: Array) -> Array:
         """(n,) the most that any layout knows in a box along directions (n, 3)."""
         information = self.aim(problem, term.reconstructed_mm[0], box, counts_manufacturing(problem, term))
         z = solve_along(np.repeat(box.mixture[None], len(directions), axis=0), directions)
         return most_known(information, cells_in(information), z)
 
-    def aim(self, problem: PlacementProblem, target: Array, box: Box, every_law: bool) -> Information:
+    def aim(self, problem: PlacementProblem, target: Array, box: AimBox, every_law: bool) -> Information:
         """What images can tell of a target (3,) mm in any way to aim that a box holds."""
         seat = _seat_of(problem.system)
         back, views, first = np.linalg.inv(seat), list(problem.system.views), 0

@@ -26,7 +26,7 @@ class Forms(NamedTuple):
     of_view: NDArray[np.int64]  # (R,) whose image that is
 
 
-class Turns(NamedTuple):
+class ViewTurns(NamedTuple):
     """All that P numbers, each from -1 to 1, do to where views look: each belongs to one of V views.
 
     A view that is turned sees a point x where it saw ``x + sum of t_p ways_p (x, 1)`` before, and a displacement s like
@@ -42,7 +42,7 @@ class Turns(NamedTuple):
 
 @kernel(nogil=True)
 def enclose(
-    forms: Forms, turns: Turns, made: Array, centres: Array, along: NDArray[np.int64], half: Array, reach: Array,
+    forms: Forms, turns: ViewTurns, made: Array, centres: Array, along: NDArray[np.int64], half: Array, reach: Array,
     displaced: Array,
 ) -> Array:  # fmt: skip
     """(n, 2^P, 8): at each corner of what turns the views, and of n cells, an upper bound of the sum of squares of the

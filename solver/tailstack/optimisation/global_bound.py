@@ -47,7 +47,7 @@ from ..system import Law, Place
 from ..tail.assembling import KIND
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .chance_bound import raise_quantile
-from .enclosure import Forms, Turns, enclose
+from .enclosure import Forms, ViewTurns, enclose
 from .exact_law import evaluate_demand, quantiles_of
 from .mixture import MixedParts, mix
 from .problem import Choice, PlacementProblem
@@ -93,7 +93,7 @@ class Information:
     target_mm: Array  # (3,) as the estimator sees it
     beads: tuple[AlikeBeads, ...]
     spacing_mm: float  # between any two
-    turns: Turns  # what else views may look at
+    turns: ViewTurns  # what else views may look at
 
     @property
     def unknowns(self) -> int:
@@ -453,13 +453,13 @@ def information_about(problem: PlacementProblem, target: Array, with_made: bool)
     return Information(projections, tangents, sizes, whiten, target, beads, problem.min_spacing_mm, turns)
 
 
-def still(views: int) -> Turns:
+def still(views: int) -> ViewTurns:
     """So many views that look where they do."""
     nothing = np.zeros(0, dtype=np.int64)
-    return Turns(np.zeros((0, 3, 4)), np.zeros((0, 3, 3)), nothing, np.zeros(views), np.zeros((views, 3)))
+    return ViewTurns(np.zeros((0, 3, 4)), np.zeros((0, 3, 3)), nothing, np.zeros(views), np.zeros((views, 3)))
 
 
-def turns_from(turns: Turns, place: Array) -> Turns:
+def turns_from(turns: ViewTurns, place: Array) -> ViewTurns:
     """The same in the coordinates of points that are at ``place @ (x, 1)``, (4, 4) an isometry."""
     back, whole = np.linalg.inv(place), np.zeros((len(turns.ways), 4, 4))
     whole[:, :3] = turns.ways
