@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.rotation import turn_by
 from ..system import View
 from .edges import THICK
-from .least_squares import SplitProjection, images_of, resect_pose, split, turn
+from .least_squares import SplitProjection, images_of, resect_pose, split
 from .resection import project
 
 APART = 6.2  # standard deviations between the images of two poses: the wrong one is taken once in a thousand shots
@@ -69,12 +70,12 @@ def _head_on(points: Array, view: View, camera: SplitProjection, axes: Array, ti
     step = float(np.sqrt(values[1]))
     sides = [
         images_of(
-            camera.intrinsics, points - centre, turn(s * step * axis) @ camera.rotation, place, np.zeros(3)
+            camera.intrinsics, points - centre, turn_by(s * step * axis) @ camera.rotation, place, np.zeros(3)
         ).images
         for s in (1.0, -1.0)
     ]
     bent = np.linalg.norm((sides[0] + sides[1]) / 2 - image.images)
     if bent <= view.fiducial_noise_px:
         return None
-    normals = [camera.rotation.T @ turn(s * step * axis) @ camera.rotation @ axes[2] for s in (1.0, -1.0)]
+    normals = [camera.rotation.T @ turn_by(s * step * axis) @ camera.rotation @ axes[2] for s in (1.0, -1.0)]
     return Rival(normals[0], normals[1], 2.0, tilt)

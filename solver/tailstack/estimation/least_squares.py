@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array, frozen
-from ..geometry.rotation import skew, torsor_transform, transform_points
+from ..geometry.rotation import left_jacobian, skew, torsor_transform, transform_points, turn_by
 from ..system import Reading, System, Target, View, Weighing
 from .resection import hartley_similarity, homogeneous, project, resect, scale_to_depth
 from .triangulation import triangulate
@@ -58,15 +58,6 @@ def split(projection: Array) -> SplitProjection:
     rows[0] = right / np.linalg.norm(right)
     intrinsics = np.array([[np.linalg.norm(right), shear, u], [0.0, np.linalg.norm(down), v], [0.0, 0.0, 1.0]])
     return SplitProjection(intrinsics, rows, np.linalg.solve(intrinsics, scaled[:, 3]))
-
-
-def turn(vector: Array) -> Array:
-    """Rotation about a vector (..., 3) by its length, rad (Rodrigues)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    cross = skew(vector)
-    return np.asarray(
-        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
-    )
 
 
 def _solve(rows: Array, right: Array) -> Array:
@@ -164,7 +155,7 @@ def _move_pose(pose: _Pose, step: Array) -> _Pose:
     """The pose after a step (..., 6 + f): a turn, a shift, and a change of the first f intrinsics."""
     intrinsics = pose.intrinsics.copy()
     intrinsics[..., : step.shape[-1] - 6] += step[..., 6:]
-    return _Pose(turn(step[..., :3]) @ pose.rotation, pose.place_mm + step[..., 3:6], intrinsics)
+    return _Pose(turn_by(step[..., :3]) @ pose.rotation, pose.place_mm + step[..., 3:6], intrinsics)
 
 
 def _largest_move(equations: _Equations, step: Array, precision: Array) -> Array:
@@ -188,9 +179,7 @@ def _settle(
     def slopes(unknowns: Array) -> Array:
         """The rows are by a turn after the one of the unknowns; this is by the vector of the one turn that is both."""
         rows = _equations_of(nominal, offset, images, assumed, pose_at(unknowns), precision).rows.copy()
-        angle, cross = float(np.linalg.norm(unknowns[:3])), skew(unknowns[:3])
-        third = (angle - np.sin(angle)) / angle**3 if angle > 1e-4 else 1 / 6
-        rows[:, :3] @= np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross + third * cross @ cross
+        rows[:, :3] @= left_jacobian(unknowns[:3])
         return rows
 
     solution = least_squares(

@@ -27,17 +27,19 @@ def unit(vector: Array) -> Array:
 
 
 def turn_by(vector: Array) -> Array:
-    """Rotation (3, 3) about a vector (3,) by its length, rad."""
-    angle = float(np.linalg.norm(vector))
-    axis = skew(vector / angle) if angle else np.zeros((3, 3))
-    return np.asarray(np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis)
+    """Rotation about a vector (..., 3) by its length, rad (Rodrigues)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    cross = skew(vector)
+    return np.asarray(
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
 
 
 def left_jacobian(vector: Array) -> Array:
     """(3, 3): ``turn_by(vector + d)`` is ``turn_by(left_jacobian(vector) @ d) @ turn_by(vector)`` to first order."""
-    angle = max(float(np.linalg.norm(vector)), 1e-8)
-    axis = skew(vector / angle)
-    return np.asarray(np.eye(3) + (1 - np.cos(angle)) / angle * axis + (1 - np.sin(angle) / angle) * axis @ axis)
+    angle, cross = float(np.linalg.norm(vector)), skew(vector)
+    third = (angle - np.sin(angle)) / angle**3 if angle > 1e-4 else 1 / 6
+    return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross + third * cross @ cross)
 
 
 def skew(vector: Array) -> Array:

@@ -45,10 +45,12 @@ from .global_bound import (
     cells_in,
     counts_manufacturing,
     covariance_in,
+    even_information,
     information_about,
     mix_layouts,
     most_known,
     net_through,
+    root_of,
     slopes_by_images,
     spread_directions,
     still,
@@ -143,8 +145,8 @@ def _read_aim(design: Design, system: System, free: FreeView) -> FreeAim:
 
 
 def solve_along(information: Array, directions: Array) -> Array:
-    """(K, D): of information (K, D, D) the least ``z' F z`` whose target part is a direction (K, 3)."""
-    rest = -np.linalg.solve(information[:, 3:, 3:], information[:, 3:, :3] @ directions[:, :, None])[..., 0]
+    """(K, D): of information (D, D) the least ``z' F z`` whose target part is a direction, for each of (K, 3)."""
+    rest = -np.linalg.solve(information[3:, 3:], information[3:, :3] @ directions.T).T
     return np.concatenate([directions, rest], axis=1)
 
 
@@ -169,9 +171,7 @@ class AimBox:
 
     def bound(self, weight: Array) -> float:
         """mm^2 that ``trace(weight S)`` of no layout is below, weight (3, 3): by the best of its roots for z."""
-        sizes, axes = np.linalg.eigh(weight)
-        root = axes * np.sqrt(np.maximum(sizes, 0.0))
-        return float(np.linalg.svd(self.seen @ root, compute_uv=False).sum() ** 2 / self.known) * INSIDE
+        return float(np.linalg.svd(self.seen @ root_of(weight), compute_uv=False).sum() ** 2 / self.known) * INSIDE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,8 +204,7 @@ class AimedViews:
         bounds = np.concatenate([aim.bounds for aim in self.aims])
         root = AimBox(bounds.mean(axis=1), np.diff(bounds)[:, 0] / 2)
         information = self.aim(problem, term.reconstructed_mm[0], root, every_law=True)
-        even = sum((group.evenly for group in cells_in(information)), target_information(information))
-        metric = covariance_in(even)
+        metric = covariance_in(even_information(information, cells_in(information)))
         felt = slopes_by_images(term, half_width, term.to_error @ metric @ term.to_error.T)
         weight = term.to_error.T @ felt @ term.to_error
         boxes, looked = self._halve(root, lambda box: self._look(box, problem, term, weight))
@@ -249,8 +248,7 @@ class AimedViews:
         """Choose z for a box, and bound the mean square of a weight (3, 3) there."""
         information = self.aim(problem, term.reconstructed_mm[0], box, every_law=True)
         cells, base = cells_in(information), target_information(information)
-        lengths, axes = np.linalg.eigh(weight)
-        aims = axes * np.sqrt(np.maximum(lengths, 0.0))
+        aims = root_of(weight)
         z, held = mix_layouts(information, cells, aims, ROUNDS)
         box.seen, box.mixture = z[:, :3], base.copy()
         told = float(np.einsum("kd,de,ke->", z, base, z))
@@ -268,8 +266,7 @@ class AimedViews:
     def _know(self, box: AimBox, problem: PlacementProblem, term: DemandTerms, directions: Array) -> Array:
         """(n,) the most that any layout knows in a box along directions (n, 3)."""
         information = self.aim(problem, term.reconstructed_mm[0], box, counts_manufacturing(problem, term))
-        z = solve_along(np.repeat(box.mixture[None], len(directions), axis=0), directions)
-        return most_known(information, cells_in(information), z)
+        return most_known(information, cells_in(information), solve_along(box.mixture, directions))
 
     def aim(self, problem: PlacementProblem, target: Array, box: AimBox, every_law: bool) -> Information:
         """What images can tell of a target (3,) mm in any way to aim that a box holds."""

@@ -67,9 +67,9 @@ def optimise(
     With a ``gap`` (0.01: 1 %) no more starts are solved once the best is that near to what no layout undercuts.
     ``progress(stage, done, total, least objective so far)`` is called after every aim of views, programme, start,
     polished optimum, settled optimum, check, point of a front and layout with fewer moves; what it raises ends the
-    work.  ``stop()`` is polled; once it is true the best
-    found so far is settled, verified and returned, ``certificate.stopped`` says so.  The design returned is verified:
-    the upper confidence limit of every quantile, from a fresh seed, is within its limit.
+    work.  ``stop()`` is polled; once it is true the best found so far is settled, verified and returned,
+    ``certificate.stopped`` says so.  The design returned is verified: the upper confidence limit of every quantile,
+    from a fresh seed, is within its limit.
 
     Raises DesignError (contradictions, nothing that is free acts), InfeasibleError (with the smallest quantile
     attainable and what would cure it), IllPosedError, NotConvergedError (also when stopped before anything

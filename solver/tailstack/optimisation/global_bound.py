@@ -348,8 +348,8 @@ def why_none(problem: PlacementProblem, term: DemandTerms) -> str:
 
 
 def left_out(problem: PlacementProblem, term: DemandTerms, counts_made: bool = False) -> tuple[str, ...]:
-    """Labels of what the bound does not count, and which can only add to it; counts_made: manufacturing
-    errors are counted, by their mean square."""
+    """Labels of what the bound does not count, and which can only add to it; counts_made: manufacturing errors
+    are counted, by their mean square."""
     system, made = problem.system, counts_made or counts_manufacturing(problem, term)
     effects = [each for each in system.errors_of_points if not each.of_target and not made]
     names = [each.words for each in effects if not each.acts_at(Place.IMAGES)]
@@ -728,7 +728,7 @@ def parts_of(information: Information, cells: Sequence[Cells]) -> MixedParts:
     for group, begin, end in zip(cells, first, first[1:], strict=False):
         slopes[: group.slopes.shape[1], :, begin:end] = group.slopes.transpose(1, 2, 0)
     kept, in_each = (np.array([getattr(group, name) for group in cells]) for name in ("kept", "in_each"))
-    return MixedParts(slopes, first, kept, in_each, base, base + sum(group.evenly for group in cells))
+    return MixedParts(slopes, first, kept, in_each, base, even_information(information, cells))
 
 
 def least_mean_square(information: Information, cells: tuple[Cells, ...], weight: Array) -> float:
@@ -737,10 +737,15 @@ def least_mean_square(information: Information, cells: tuple[Cells, ...], weight
     For any z_k, and a_k with ``weight = sum of a_k a_k'``, it is at least ``(sum of a_k . z_k)^2`` over what is known
     along all z_k together (Cauchy and Schwarz).  Those of a mixture of layouts for which it is nearly least are taken.
     """
-    sizes, axes = np.linalg.eigh(weight)
-    aims = axes * np.sqrt(np.maximum(sizes, 0.0))
+    aims = root_of(weight)
     z, _ = mix_layouts(information, cells, aims)
     return float((aims.T * z[:, :3]).sum() ** 2 / most_known(information, cells, z, together=True)[0]) * INSIDE
+
+
+def root_of(weight: Array) -> Array:
+    """(3, 3): its columns a_k make up a weight (3, 3), the sum of ``a_k a_k'``."""
+    sizes, axes = np.linalg.eigh(weight)
+    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
 
 
 def mix_layouts(
@@ -751,8 +756,8 @@ def mix_layouts(
 
     With weights w of the cells in the place of fiducials, ``F = F0 + sum of w J' R^-1 J``, that mean square is convex
     in w: the best weights are the best of all.  They are those of layouts, each the best where the mixture of those
-    before knows least, whose shares are then improved (Newton, with a barrier).  rounds: so
-    many are added.
+    before knows least, whose shares are then improved (Newton, with a barrier).  rounds: so many
+    are added.
     """
     parts = parts_of(information, cells)
     mixed = mix(parts, np.ascontiguousarray(aims.T)[None], False, rounds, 0, IMPROVED)
@@ -808,11 +813,16 @@ class Net:
 def find_net(information: Information) -> Net:
     """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
     cells = cells_in(information)
-    metric = covariance_in(target_information(information) + sum(each.evenly for each in cells))
+    metric = covariance_in(even_information(information, cells))
     points, faces = spread_directions(FREQUENCY)
     directions = points @ np.linalg.cholesky(metric).T
     known = most_known(information, cells, choose_unknowns(information, cells, directions))
     return net_through(directions, faces, known, metric)
+
+
+def even_information(information: Information, cells: Sequence[Cells]) -> Array:
+    """(D, D), in floats: of the target's images and of fiducials spread evenly over their cells."""
+    return np.asarray(target_information(information) + sum(group.evenly for group in cells))
 
 
 def covariance_in(information: Array) -> Array:

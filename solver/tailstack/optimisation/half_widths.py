@@ -242,7 +242,8 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
             if not more:
                 return every
             taken, worst, part = taken + more, np.inf, 1.0
-            readings = [each for own in taken for each in every if each.held is own]
+            of_each = {each.held: each for each in every}
+            readings = [of_each[own] for own in taken]
             squares = np.array([each.ratio / (1 - AIM) for each in readings]) ** 2
         worst, part = squares.max(), part / 2 if squares.max() > worst > 1 + AIM else part
         for each, square in zip(readings, squares.tolist(), strict=True):

@@ -28,7 +28,7 @@ class MixedParts(NamedTuple):
 
 
 class Mixed(NamedTuple):
-    """What each aim comes to, and of the last one the shares of layouts."""
+    """What each aim comes to, and, of a single one, the shares of layouts and what was added."""
 
     z: Array  # (K, A, D)
     shares: Array  # (1 + rounds,) of the even one, and of those that were added

@@ -290,7 +290,7 @@ def _near_present(prepared: PreparedSearch) -> Iterate | None:
     quantiles nearly."""
     if prepared.present is None:
         return None
-    program, parameters = prepared.program, next(iter(prepared.starts)).parameters
+    program, parameters = prepared.program, prepared.starts[0].parameters
     x = prepared.present.copy()
     objective, values = (part.full().ravel() for part in program.constraints(x, parameters.vector(program, "main")))
     reached, quantiles = float(objective[0]), len(program.terms)
@@ -522,6 +522,11 @@ class Starts:
     def total(self) -> int:
         """How many there are, made or not, as far as the layouts are known."""
         return self._count - len(self._passed_over)
+
+    def __getitem__(self, number: int) -> Start:
+        """A start by its number, from 0.  Raises IndexError."""
+        self._made.extend(islice(self._rest, max(number + 1 - len(self._made), 0)))
+        return self._made[number]
 
     def __iter__(self) -> Iterator[Start]:
         for k in count():

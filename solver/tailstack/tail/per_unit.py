@@ -377,15 +377,6 @@ class UnitReading:
         ), by_shot
 
 
-def _read(installation: LinearLaw, units: Units, fraction: float) -> UnitReading:
-    distance, n = law_quantile(installation, fraction, fine=False), units.distance.size
-    width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
-    by_distance = np.argsort(units.distance)
-    position = position_of(units.distance[by_distance], width, distance.quantile_mm)
-    own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
-    return UnitReading(installation, units, distance, width, position, by_distance, own)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SignedReading:
     """Of one number that counts on one side: what of the units' own offset and what of the shots, whose quantile is the
@@ -423,7 +414,13 @@ def read_units(
     if installation.is_one_sided:
         held = OneSidedLaw(installation, fraction, True).signed_quantile(fraction)
         return SignedReading(installation, shot, held, OneSidedLaw(shot, p, True).signed_quantile(p))
-    return _read(installation, draw_units(installation, shot, p, log2_units), fraction)
+    units, distance = draw_units(installation, shot, p, log2_units), law_quantile(installation, fraction, fine=False)
+    n = units.distance.size
+    width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
+    by_distance = np.argsort(units.distance)
+    position = position_of(units.distance[by_distance], width, distance.quantile_mm)
+    own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
+    return UnitReading(installation, units, distance, width, position, by_distance, own)
 
 
 def unit_quantile(
@@ -465,20 +462,18 @@ def unit_risk(
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
     fraction = probability_iv(fraction)
-    if installation.is_one_sided:
-        read = read_units(installation, shot, p, fraction)
-        assert isinstance(read, SignedReading)
-        found, own = read.quantile, read.again.quantile_mm
+    read = read_units(installation, shot, p, fraction, log2_units)
+    found = read.quantile
+    if isinstance(read, SignedReading):
+        own = read.again.quantile_mm
         keep = None if limit is None else OneSidedLaw(installation, fraction, True).probability(limit - own)
         return UnitRisk(p, fraction, found.value_mm, found.standard_error_mm, limit, keep, keep and 0.0, 0)
-    units = draw_units(installation, shot, p, log2_units)
-    quantile = _read(installation, units, fraction).quantile
     share, error = None, None
     if limit is not None:
-        share, error = _yield(units, installation, limit)
-        share = _agree(share, fraction, quantile.value_mm <= limit, units.blocks > 1)
-    n = units.distance.size
-    return UnitRisk(units.p, fraction, quantile.value_mm, quantile.standard_error_mm, limit, share, error, n)
+        share, error = _yield(read.units, installation, limit)
+        share = _agree(share, fraction, found.value_mm <= limit, read.units.blocks > 1)
+    n = read.units.distance.size
+    return UnitRisk(read.units.p, fraction, found.value_mm, found.standard_error_mm, limit, share, error, n)
 
 
 def _agree(share: float, fraction: float, within: bool, differ: bool) -> float:

@@ -140,11 +140,10 @@ def _front_specs(task: OptimisationTask, position: int, search: Search, prepared
 
 
 def _read_iterates(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
-    starts = dict(enumerate(prepared.starts))
     return tuple(
         Iterate(
             _points(b64decode(item["point"]))[0],
-            (prepared.ends if item["led"] else starts)[item["start"]].parameters,
+            (prepared.ends if item["led"] else prepared.starts)[item["start"]].parameters,
         )
         for item in spec["found"]
     )
