@@ -57,6 +57,7 @@ from .global_bound import (
     target_information,
     why_none,
 )
+from .mixture import information_by_rows
 from .problem import PlacementProblem
 from .terms import DemandTerms
 from .views import find_view, present_distance
@@ -253,8 +254,8 @@ class AimedViews:
         box.seen, box.mixture = z[:, :3], base.copy()
         told = float(np.einsum("kd,de,ke->", z, base, z))
         for group, share in zip(cells, held, strict=True):
-            box.mixture += np.einsum("n,nrd,nre->de", share, group.slopes, group.slopes, optimize=True)
-            told += float(group.most(((group.slopes @ z.T) ** 2).sum(axis=(1, 2))[:, None])[0])
+            box.mixture += information_by_rows(group.slopes, share)
+            told += float(group.most(group.told_along(z).sum(axis=1, keepdims=True))[0])
         if self._cones_hold(box.at, 0.0 * box.half):
             box.alone = float((aims.T * box.seen).sum()) ** 2 / told
         try:

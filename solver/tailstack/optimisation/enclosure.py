@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
-from .mixture import solve_positive
+from .mixture import solve_positive, substitute
 
 ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
 
@@ -75,33 +75,52 @@ def enclose(
             for b in range(4):
                 terms[r] += far[a] * forms.size[r, :, a, b] * far[b]
     total, y, slope, is_made = np.zeros((len(centres), corners, 8)), np.ones(4), np.zeros(4), made.any()
-    by_made, inner, units, shift = np.zeros((rows, 3)), np.zeros((3, 3)), np.zeros((1, 3)), np.zeros(3)
+    by_made, square, inner = np.zeros((rows, 3)), np.zeros(rows), np.zeros((3, 3))
+    units, shift = np.zeros((1, 3)), np.zeros(3)
     way, lacks, wide, turned, at_turn = np.zeros((params, 3)), np.zeros(3), np.zeros(3), np.zeros(params), np.zeros(8)
     for i in range(len(centres)):
         y[:3] = centres[i]
         k = along[i]
         shift[:] = displaced[i]
+        own = 0.0
         if is_made:
-            inner[:] = 0.0
-            units[:] = 0.0
-            for a in range(3):
-                inner[a, a] = 1.0
-            for r in range(rows):
-                w, seen = 0.0, 0.0
-                by_made[r] = 0.0
-                for a in range(4):
-                    w += forms.depth[r, a] * y[a]
-                    for b in range(4):
-                        seen += y[a] * forms.quadratic[r, k, a, b] * y[b]
-                    for j in range(3):
-                        by_made[r] += forms.moved[r, j, a] * y[a] * made[j]
+            if i == 0 or (centres[i] != centres[i - 1]).any():
                 for a in range(3):
-                    units[0, a] += by_made[r, a] * seen / w**4
-                    inner[a] += by_made[r, a] * by_made[r] / w**4
-            solve_positive(inner, units)
+                    for b in range(3):
+                        inner[a, b] = 1.0 if a == b else 0.0
+                for r in range(rows):
+                    w = 0.0
+                    for a in range(4):
+                        w += forms.depth[r, a] * y[a]
+                    square[r] = w * w
+                    for a in range(3):
+                        by_made[r, a] = 0.0
+                        for j in range(3):
+                            moved = forms.moved[r, j]
+                            here = moved[0] * y[0] + moved[1] * y[1] + moved[2] * y[2] + moved[3]
+                            by_made[r, a] += here * made[j, a]
+                        by_made[r, a] /= square[r]
+                    for a in range(3):
+                        for b in range(3):
+                            inner[a, b] += by_made[r, a] * by_made[r, b]
+                units[:] = 0.0
+                solve_positive(inner, units)
+            units[:] = 0.0
+            for r in range(rows):
+                seen = 0.0
+                for a in range(4):
+                    curved = forms.quadratic[r, k, a]
+                    seen += y[a] * (curved[0] * y[0] + curved[1] * y[1] + curved[2] * y[2] + curved[3])
+                for a in range(3):
+                    units[0, a] += by_made[r, a] * seen / square[r]
+            substitute(inner, units)
             for a in range(3):
-                total[i] += units[0, a] ** 2
-                shift[a] += (made[a] * units[0]).sum()
+                own += units[0, a] * units[0, a]
+                for b in range(3):
+                    shift[a] += made[a, b] * units[0, b]
+        for c in range(corners):
+            for corner in range(8):
+                total[i, c, corner] = own
         for r in range(rows):
             depth, moved, view = forms.depth[r], forms.moved[r], forms.of_view[r]
             bent = turns.bent[view]

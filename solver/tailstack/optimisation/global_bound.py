@@ -49,7 +49,7 @@ from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gra
 from .chance_bound import raise_quantile
 from .enclosure import Forms, ViewTurns, enclose
 from .exact_law import evaluate_demand, quantiles_of
-from .mixture import MixedParts, mix
+from .mixture import MixedParts, information_by_rows, mix, told_by_rows
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
@@ -549,8 +549,11 @@ class Cells(NamedTuple):
     @property
     def evenly(self) -> Array:
         """(D, D) information of beads spread evenly over the cells."""
-        rows = self.slopes.reshape(-1, self.slopes.shape[2])
-        return np.asarray(self.beads.number / len(self.slopes) * (rows.T @ rows))
+        return information_by_rows(self.slopes, np.full(len(self.slopes), self.beads.number / len(self.slopes)))
+
+    def told_along(self, z: Array) -> Array:
+        """(n, K) about how much a bead in each cell tells along unknowns z (K, D), in floats."""
+        return told_by_rows(self.slopes, np.ascontiguousarray(z.T))
 
     def fullest(self, values: Array) -> NDArray[np.int64]:
         """(kept, K) the cells with the largest of values (n, K), where beads know most."""
@@ -662,7 +665,7 @@ def _enclose_cells(information: Information, cells: Cells, z: Array, together: b
     forms = [forms_of(information, 0, place, sees, z) for place, sees in zip(cells.places, beads.sees, strict=True)]
     turns = [turns_from(information.turns, place) for place in cells.places]
     owner, blocks, wide = cells.blocks
-    told = ((cells.slopes @ z.T) ** 2).sum(axis=1)
+    told = cells.told_along(z)
     told = told.sum(axis=1, keepdims=True) if together else told
     least = np.partition(told, -cells.kept, axis=0)[-cells.kept][:, None]
 

@@ -148,6 +148,36 @@ def improve_shares(layouts: Array, shares: Array, fixed: bool, z: Array, known: 
 
 
 @kernel(nogil=True)
+def told_by_rows(slopes: Array, along: Array) -> Array:
+    """(n, K) what a bead in each of n cells tells along K columns of unknowns (D, K), slopes (n, R, D)."""
+    told, line = np.zeros((len(slopes), along.shape[1])), np.zeros(along.shape[1])
+    for i in range(len(slopes)):
+        for r in range(slopes.shape[1]):
+            line[:] = 0.0
+            for d in range(slopes.shape[2]):
+                slope = slopes[i, r, d]
+                for k in range(len(line)):
+                    line[k] += slope * along[d, k]
+            for k in range(len(line)):
+                told[i, k] += line[k] * line[k]
+    return told
+
+
+@kernel(nogil=True)
+def information_by_rows(slopes: Array, weights: Array) -> Array:
+    """(D, D) information of beads in n cells, as many as weights (n,) say, slopes (n, R, D)."""
+    size = slopes.shape[2]
+    total = np.zeros((size, size))
+    for i in range(len(slopes)):
+        for r in range(slopes.shape[1]):
+            for d in range(size):
+                own = weights[i] * slopes[i, r, d]
+                for e in range(size):
+                    total[d, e] += own * slopes[i, r, e]
+    return total
+
+
+@kernel(nogil=True)
 def fill_told(slopes: Array, z: Array, line: Array, values: Array) -> None:
     """Fill values (n,) with what a bead in each of the first cells tells along all z (A, D), slopes (R, D, n or more);
     line (n,) is used."""
