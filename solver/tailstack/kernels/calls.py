@@ -84,6 +84,7 @@ _TABLE = {
         1.5 optimisation.mixture.mix            MixedParts(f3 i1 i1 i1 f2 f2) f3 b i i i
         0.4 optimisation.mixture.told_by_rows       f3 f2
         0.4 optimisation.mixture.information_by_rows  f3 f1
+        0.4 optimisation.mixture.whiten_rows        f3 f3
         0.9 optimisation.cost_bound.raise_prices  f3 f3 f1 f1 f1
         0.4 optimisation.cost_bound.fill_charges  f2 f2 i1 i1 b1
         0.6 optimisation.chance_bound.sum_waves  f2 f1 f2 f2 f1

@@ -49,7 +49,7 @@ from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gra
 from .chance_bound import raise_quantile
 from .enclosure import Forms, ViewTurns, enclose
 from .exact_law import evaluate_demand, quantiles_of
-from .mixture import MixedParts, information_by_rows, mix, told_by_rows
+from .mixture import MixedParts, information_by_rows, mix, told_by_rows, whiten_rows
 from .problem import Choice, PlacementProblem
 from .regions import GRID_MM, BoxRegion, Cylinder, Shape, bounding_box, contains, distinct
 from .surface import NearSurface
@@ -603,9 +603,9 @@ def cells_of(information: Information, beads: AlikeBeads) -> Cells:
     slopes, outermost = [], centres + half * np.sign(centres)  # where most cells have their most
     for place, sees, made in zip(places, beads.sees, beads.made_mm, strict=True):
         own = slopes_at(information, 0, place, sees, outermost)
-        by_made = own.moved @ made
-        root = np.linalg.cholesky(np.eye(by_made.shape[1]) + by_made @ np.swapaxes(by_made, 1, 2))
-        slopes.append(np.linalg.solve(root, own.unknowns))
+        if made.any():
+            whiten_rows(own.unknowns, own.moved @ made)
+        slopes.append(own.unknowns)
     return Cells(beads, places, centres, half * (1 + 1e-12), reach * (1 + 1e-12), apart, np.concatenate(slopes, axis=1))
 
 

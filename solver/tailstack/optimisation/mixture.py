@@ -148,6 +148,26 @@ def improve_shares(layouts: Array, shares: Array, fixed: bool, z: Array, known: 
 
 
 @kernel(nogil=True)
+def whiten_rows(slopes: Array, moved: Array) -> None:
+    """Replace slopes (n, R, D), those of unit variances, by ``C^-1 slopes``, C the triangular factor of the covariance
+    ``1 + B B'`` that they have beside what moves a bead, B (n, R, 3) = moved."""
+    rows = slopes.shape[1]
+    factor = np.zeros((rows, rows))
+    for n in range(len(slopes)):
+        own, by = slopes[n], moved[n]
+        for i in range(rows):
+            for j in range(i + 1):
+                total = by[i, 0] * by[j, 0] + by[i, 1] * by[j, 1] + by[i, 2] * by[j, 2] + (1.0 if i == j else 0.0)
+                for k in range(j):
+                    total -= factor[i, k] * factor[j, k]
+                factor[i, j] = np.sqrt(total) if i == j else total / factor[j, j]
+            for j in range(i):
+                add_times(own[i], -factor[i, j], own[j])
+            for d in range(own.shape[1]):
+                own[i, d] /= factor[i, i]
+
+
+@kernel(nogil=True)
 def told_by_rows(slopes: Array, along: Array) -> Array:
     """(n, K) what a bead in each of n cells tells along K columns of unknowns (D, K), slopes (n, R, D)."""
     told, line = np.zeros((len(slopes), along.shape[1])), np.zeros(along.shape[1])
