@@ -17,7 +17,7 @@ from .system import Law, Requirement
 from .tail.assembling import KIND, assemble_law, assemble_pair
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
-from .tail.declared import LinearLaw, law_summary
+from .tail.declared import LawReading, LinearLaw
 from .tail.per_unit import UnitRisk, unit_risk
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
@@ -126,7 +126,7 @@ def value_of(requirement: Requirement) -> Value | None:
         return None
 
     def value(law: LinearLaw) -> float:
-        found = of_law(law_summary(law, requirement.quantile, requirement.limit))
+        found = of_law(LawReading(law, requirement.quantile, requirement.limit))
         assert found is not None  # there is a limit
         return found
 

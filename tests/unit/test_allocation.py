@@ -15,8 +15,10 @@ from plain_data import EVERY
 from tailstack import Design, DesignError, allocate, load_design, score
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.allocation import curves_of
-from tailstack.optimisation.half_widths import _Model
+from tailstack.optimisation.closed_limits import close_limits
+from tailstack.optimisation.half_widths import _hold_all, _Model, _Readings
 from tailstack.optimisation.prices import Price, reciprocal
+from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.request import read_request
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -149,6 +151,9 @@ def test_a_step_is_the_cheapest_within_every_limit_of_its_model(count: int) -> N
         )
         assert (fixed + by_square @ found**2).max() <= 1 + 1e-8
         assert np.log(curves.cost(found).sum()) == pytest.approx(expected.fun, abs=1e-6)
+    parts, slope = np.linspace(1.0, 0.5, count), rng.uniform(1, 6, 6)  # of one error: only the tightest is in the way
+    every = _Model(curves, lower, upper, 0.1 * parts, parts[:, None] * slope).solve()
+    np.testing.assert_allclose(every, _Model(curves, lower, upper, np.array([0.1]), slope[None]).solve(), rtol=1e-6)
     beyond = np.full(count, 2.0)
     np.testing.assert_array_equal(_Model(curves, lower, upper, beyond, np.ones((count, 6))).solve(), lower)
 
@@ -205,3 +210,38 @@ def test_refusals(name: str) -> None:
     (problem,) = refused.value.problems
     assert problem.code == code
     assert words in f"{problem.detail} {problem.hint}"
+
+
+LIMITS = {name: example(name) for name in ("mean_and_tail", "locators_321", "half_shell")} | {
+    "bounded": bounded(),
+    "of each unit and mounting": clipped(),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_closed_limits_are_near_what_is_read_and_pass_through_it(name: str) -> None:
+    """independent: the exact law; slopes by differences of the closed form, and of the exact one once it was read."""
+    problem = read_request(LIMITS[name]).problem
+    problem = replace(problem, places=(), pivots=(), stay=None)
+    held, here = _hold_all(problem, problem.demands), present_choice(problem).half_width
+    read = _Readings(problem, held, here)
+    every = [read.at(t, fine=True) for t in range(len(held))]
+    closed = close_limits(
+        [each.demand for each in held],
+        [each.model for each in held],
+        [each.places for each in held],
+        [each.exact.worst for each in every],
+        here,
+    )
+    exact = np.array([each.ratio for each in every])
+    logs, slopes = closed.log_squares(here)
+    np.testing.assert_allclose(np.exp(logs / 2), exact, rtol=0.04)
+    steps = 1e-5 * np.eye(len(here))
+    apart = [closed.log_squares(here * np.exp(step))[0] - closed.log_squares(here * np.exp(-step))[0] for step in steps]
+    np.testing.assert_allclose(np.transpose(apart) / 2e-5, slopes, atol=0.02)
+    closed.anchor(here, exact)
+    for t, each in enumerate(every):
+        closed.turn(t, here, each.slopes())
+    logs, slopes = closed.log_squares(here)
+    np.testing.assert_allclose(np.exp(logs / 2), exact, rtol=1e-9)
+    np.testing.assert_allclose(slopes / 2, [each.slopes() for each in every], atol=1e-9)

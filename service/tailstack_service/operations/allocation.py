@@ -44,8 +44,8 @@ OPERATION = Operation(
     summary="Cheapest half-widths that keep a limit, the layout as it is",
     description="The half-widths that the design's section optimise frees, at least cost within the limits, to first "
     "order, with layout, pivots and views as they are. Says what moved most and which limits hold the cost up; where "
-    "no half-widths keep a limit, how low it can be and which contributor holds it. Takes milliseconds; some hundred "
-    "where a limit is on each unit or on a mean of the tail. Tables of grades are refused.",
+    "no half-widths keep a limit, how low it can be and which contributor holds it. Takes milliseconds. Tables of "
+    "grades are refused.",
     title="answer of allocate: the cheapest half-widths at the layout as it is",
     options=AllocationOptions,
     example={"limit": 0.9, "locked": ["structure_connector.rx"]},

@@ -78,9 +78,11 @@ class PriceCurves:
     def cheapest(self, charge: Array, lower: Array, upper: Array) -> Array:
         """(k,) least ``cost(h) + charge h^2`` in [lower, upper], charge (k,) >= 0; both terms are convex in h."""
         with np.errstate(divide="ignore", over="ignore"):
-            power = (self.exponent * self.weight / (2 * charge)) ** (1 / (self.exponent + 2))
-            falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
-        return np.clip(np.where(self.exponential, falling, power), lower, upper)
+            best = (self.exponent * self.weight / (2 * charge)) ** (1 / (self.exponent + 2))
+            if self.exponential.any():
+                falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
+                best = np.where(self.exponential, falling, best)
+        return np.minimum(np.maximum(best, lower), upper)
 
     def yielding(self, half_width: Array, charge: Array) -> Array:
         """(k,) by how much the square of :meth:`cheapest`, between its bounds, falls for a little more charge."""

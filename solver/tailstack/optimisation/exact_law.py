@@ -31,8 +31,8 @@ from ..tail.approximation import pearson_square, square_cumulants, unit_quantile
 from ..tail.declared import (
     LawGradient,
     LawQuantile,
+    LawReading,
     LinearLaw,
-    law_quantile,
     law_quantiles,
     mixture_column_gradient,
     mixture_gradient,
@@ -43,6 +43,8 @@ from .symbols import plain, side_by_side, times
 from .terms import DemandTerms, ImageParts, at_ends, linearise_demand, pivot_shift_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
+LOG2_QUICK_UNITS, QUICKLY_CORRECTED = 4, 3  # and how many of them are solved with the declared law of their shots
+QUICK_ERROR, QUICK_ERROR_OF_UNITS = 1e-3, 2e-2  # relative, of what is read quickly
 STEP = 1e-5  # relative step of central differences of the closed form
 PIVOT_STEP_MM = 0.05  # of the exact quantile
 LEAST_PART = 1e-3  # of its limit, that what counts on one side is taken for where it is less: it may be 0
@@ -128,22 +130,27 @@ class ExactQuantile:
     read: Reading
 
 
-def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuantile:
-    """Quantile of the declared law; nested, the required fraction of units' or mountings' own quantile (sampled)."""
+def exact_quantile(model: ErrorModel, demand: QuantileConstraint, *, fine: bool = True) -> ExactQuantile:
+    """Quantile of the declared law; nested, the required fraction of units' or mountings' own quantile (sampled).
+
+    Not fine: several times faster, to ``QUICK_ERROR``, or nested to ``QUICK_ERROR_OF_UNITS``.
+    """
     requirement = demand.requirement
-    value = value_of(requirement)
-    worst = worst_case(model, requirement.error, requirement.quantile, value=value)
+    worst = worst_case(model, requirement.error, requirement.quantile, value=value_of(requirement))
     if not demand.nested:
         law, _ = declared_law(model, requirement.error, worst.mean_mm)
-        quantile = law_quantile(law, requirement.quantile)
-        error = quantile.error_mm / max(quantile.quantile_mm, 1e-300)
-        found = quantile.quantile_mm if value is None else value(law)
+        of_law = LawReading(law, requirement.quantile, requirement.limit, fine=fine)
+        quantile, row = of_law.quantile, requirement.row
+        error = quantile.error_mm / max(quantile.quantile_mm, 1e-300) if fine else QUICK_ERROR
+        found = quantile.quantile_mm if row.by_quantile or row.of_law is None else row.of_law(of_law) or 0.0
         return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst, quantile)
     laws = unit_laws(columns_of(model, requirement.error), demand, worst.mean_mm)
-    read = read_units(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
+    how = (LOG2_UNITS,) if fine else (LOG2_QUICK_UNITS, QUICKLY_CORRECTED)
+    read = read_units(*laws, requirement.quantile, demand.fraction, *how)
     own = read.quantile
     value_mm = _keep_positive(own.value_mm, demand)
-    return ExactQuantile(value_mm, own.density, own.standard_error_mm / max(value_mm, 1e-300), worst, read)
+    error = own.standard_error_mm / max(value_mm, 1e-300) if fine else QUICK_ERROR_OF_UNITS
+    return ExactQuantile(value_mm, own.density, error, worst, read)
 
 
 def _keep_positive(value: float, demand: QuantileConstraint) -> float:

@@ -1,9 +1,8 @@
 """The cheapest half-widths at the layout as it is, under the declared laws: while a hand drags the limit.
 
-With the layout fixed a half-width multiplies a column of the law, so nothing is linearised twice: the exact value of
-each limit that may hold, and its slopes by the logarithms of the half-widths, make a model whose dual is solved, and
-that is made again where it led until it stands still.  A limit that not even the least half-widths keep is no error:
-the answer says so, and what holds it."""
+With the layout fixed a half-width multiplies a column of the law, so nothing is linearised twice: closed forms of all
+limits lead to the answer, and the exact law is read there, two or three times, of the limits that matter.  A limit
+that not even the least half-widths keep is no error: the answer says so, and what holds it."""
 
 from __future__ import annotations
 
@@ -26,6 +25,7 @@ from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
 from .allocation import PriceCurves, curves_of
+from .closed_limits import ClosedLimits, close_limits
 from .contradictions import refuse_contradictions
 from .exact_law import ExactQuantile, exact_quantile, law_slopes
 from .prices import cost_of
@@ -41,12 +41,14 @@ from .problem import (
 from .request import read_request, round_down
 from .terms import linearise_demand
 
-AIM = 3e-6  # of a limit: how far below it the values are brought
+AIM = 4e-6  # of a limit: how far below it the values are brought
+SHORT = 1.2e-5  # of a limit: a value no farther below it is there
 EXACT, TRIES = 1e-9, 50  # of a limit: how far the model is solved, and how many steps that may take
 LARGEST = 300.0  # logarithm of a multiplier at which everything is at its least
-MOST_STEPS, SETTLED = 40, 2e-6  # relative change of the cost
-STAYS = 1e-2  # relative change of half-widths in a step, after which the slopes by them stay
-STILL = 1e-3  # likewise, after which the cost stands: what it is wrong by is of the order of the square
+MOST_STEPS = 40
+SETTLED = 1e-4  # relative step of half-widths by which closed forms are solved: the cost is wrong by the square
+STAYS = 0.06  # relative change of half-widths, after which slopes by them are still good
+NEARLY, CLOSELY = 0.02, 0.1  # of a limit: a value no farther below it may hold the cost up; in closed form
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
 
 
@@ -105,10 +107,11 @@ def allocate(
         refuse_contradictions(problem)
         check_geometry(problem.system)
         held = _hold_all(problem, problem.demands)
-        least = _read_all(problem, held, problem.lower)
+        least = _Readings(problem, held, problem.lower).decide(asked)
         within = max(each.ratio for each in least) <= 1 - AIM
-        found = _find(problem, held, least) if within else least
-        return _report(problem, asked, least, found, list(locked))
+        best = _find(problem, held, least) if within else None
+        now, found = (best.half_width, best.decide(asked)) if best else (problem.lower, least)
+        return _report(problem, asked, least, found, now, list(locked))
 
 
 def _read(
@@ -164,6 +167,17 @@ class _Reading:
     half_width: Array
     model: ErrorModel
     exact: ExactQuantile
+    doubt: float  # relative, of its value; 0: it was read exactly
+
+    def may_reach(self, ratio: float) -> bool:
+        """Whether its value over its limit may be this or more."""
+        return self.ratio * (1 + self.doubt) >= ratio
+
+    def is_like(self, other: _Reading) -> bool:
+        """Whether it is of the same error, whose shares and levers are the same."""
+        demand, with_demand = self.held.demand, other.held.demand
+        same = self.held.model is other.held.model and demand.requirement.error == with_demand.requirement.error
+        return same and bool((self.exact.worst.mean_mm == other.exact.worst.mean_mm).all())
 
     @property
     def ratio(self) -> float:
@@ -203,58 +217,130 @@ def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) 
     return held
 
 
-def _read_all(problem: PlacementProblem, held: Sequence[_Held], half_width: Array) -> list[_Reading]:
-    """Each limit with these half-widths (K,)."""
-    system = apply_choice(problem, replace(present_choice(problem), half_width=half_width))
-    mounts = {mount.name: mount for mount in system.interfaces}
-    readings = []
-    for each in held:
-        blocks = tuple(own._replace(effect=mounts.get(own.contributor, own.effect)) for own in each.model.blocks)
-        model = replace(each.model, blocks=blocks)
-        readings.append(_Reading(each, half_width, model, exact_quantile(model, each.demand)))
-    return readings
+class _Readings:
+    """Limits at half-widths (K,), each read when it is asked for.
 
-
-def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Reading]) -> list[_Reading]:
-    """All limits at the cheapest half-widths, rounded down, by the limit that is nearest at the least half-widths, and
-    by all that are then broken.
-
-    The square of a value over its limit is taken to be linear in the squares of half-widths, as a mean square is;
-    solved again with the slopes at what was found, until that stands still.  Where that swings, further and further
-    beyond a limit, steps are halved.  After a step within STAYS the slopes stay, and only the values are read again:
-    what the slopes are wrong by is in the cost by its square, and those of a quantile over a sample of units jump by
-    more than they would still change.  Raises NotConvergedError.
+    before: others nearby, whose readings do for limits that are far from reached.
     """
-    found = np.clip(present_choice(problem).half_width, problem.lower, problem.upper)
-    taken = [max(least, key=lambda each: each.ratio).held]
-    readings = _read_all(problem, taken, found)
-    by_square: dict[_Held, Array] = {}
-    curves = curves_of([free.price for free in problem.half_widths])
-    cost, worst, part, step = np.inf, np.inf, 1.0, np.inf
-    for _ in range(MOST_STEPS):
-        squares = np.array([each.ratio / (1 - AIM) for each in readings]) ** 2
-        cost, before = problem.cost(found), cost
-        stands = abs(cost - before) <= SETTLED * cost or (step <= STILL and squares.max() >= 1 - 2 * AIM)
-        if stands and squares.max() <= 1 + AIM:
-            found = _round(problem, found)
-            every = _read_all(problem, held, found)
-            more = [each.held for each in every if each.held not in taken and each.ratio > 1]
-            if not more:
-                return every
-            taken, worst, part = taken + more, np.inf, 1.0
-            of_each = {each.held: each for each in every}
-            readings = [of_each[own] for own in taken]
-            squares = np.array([each.ratio / (1 - AIM) for each in readings]) ** 2
-        worst, part = squares.max(), part / 2 if squares.max() > worst > 1 + AIM else part
-        for each, square in zip(readings, squares.tolist(), strict=True):
-            if step > STAYS or each.held not in by_square:
-                by_square[each.held] = square * each.slopes() / found**2
-        linear = np.array([by_square[each] for each in taken])
-        end = _Model(curves, problem.lower, problem.upper, squares - linear @ found**2, linear).solve()
-        step, found = float(np.abs(np.log(end / found)).max()), found * (end / found) ** part
-        readings = _read_all(problem, taken, found)
+
+    def __init__(
+        self, problem: PlacementProblem, held: Sequence[_Held], half_width: Array, before: _Readings | None = None
+    ) -> None:
+        self.held, self.half_width = held, half_width
+        system = apply_choice(problem, replace(present_choice(problem), half_width=half_width))
+        self._mounts = {mount.name: mount for mount in system.interfaces}
+        self.read: dict[int, _Reading] = {}
+        for t, each in before.read.items() if before else ():
+            apart = float(np.abs(np.log(half_width / each.half_width)).max())  # no value changes by more
+            moved = replace(each, doubt=each.doubt + 2 * apart)
+            if not moved.may_reach(1 - NEARLY):
+                self.read[t] = moved
+
+    def at(self, t: int, *, fine: bool) -> _Reading:
+        """Not fine: quickly, where it is not read yet."""
+        known = self.read.get(t)
+        if known is None or (fine and (known.doubt or known.half_width is not self.half_width)):
+            own, mounts = self.held[t], self._mounts
+            blocks = [block._replace(effect=mounts.get(block.contributor, block.effect)) for block in own.model.blocks]
+            model = replace(own.model, blocks=tuple(blocks))
+            exact = exact_quantile(model, own.demand, fine=fine)
+            known = _Reading(own, self.half_width, model, exact, 0.0 if fine else 2 * exact.relative_error)
+            self.read[t] = known
+        return known
+
+    def decide(self, asked: str | None) -> list[_Reading]:
+        """All: exact of those that may be the largest, of all or of the requirement that is asked about, or reach their
+        limit; others quickly."""
+        every = [self.at(t, fine=False) for t in range(len(self.held))]
+        own = [each for each in every if each.held.demand.requirement.name == asked]
+        bars = [(group, max((each.ratio * (1 - each.doubt) for each in group), default=0.0)) for group in (every, own)]
+        tops, highest = ([each for each in group if each.may_reach(bar)] for group, bar in bars)
+        if asked and bars[0][1] < 1 and all(each.is_like(tops[0]) for each in tops):
+            tops = []
+        exactly = {each.held for each in (*tops, *highest)} | {each.held for each in every if each.may_reach(1.0)}
+        return [self.at(t, fine=each.held in exactly) for t, each in enumerate(every)]
+
+
+def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Reading]) -> _Readings:
+    """The cheapest half-widths, rounded down.
+
+    Closed forms lead near them; they are led through what is read there quickly, and in the end exactly, until all
+    limits are kept and one of them is reached.  Slopes are read once, where a limit comes near, and again after a step
+    beyond STAYS, twice as far each time: those of a quantile over a sample of units jump.  Raises NotConvergedError.
+    """
+    closed = close_limits(
+        [each.demand for each in held],
+        [each.model for each in held],
+        [each.places for each in held],
+        [each.exact.worst for each in least],
+        problem.lower,
+    )
+    search = _Search(curves_of([free.price for free in problem.half_widths]), problem.lower, problem.upper, closed)
+    found, _ = search.solve(np.clip(present_choice(problem).half_width, problem.lower, problem.upper))
+    readings, turned_at = None, dict[int, tuple[Array, float]]()
+    for steps in range(MOST_STEPS):
+        exactly = steps > 0
+        found = _round(problem, found) if exactly else found
+        readings = _Readings(problem, held, found, readings)
+        near = np.exp(closed.log_squares(found)[0] / 2) >= 1 - (NEARLY if exactly else CLOSELY)
+        ratios = np.full(len(held), np.nan)
+        for t in np.flatnonzero(near | exactly).tolist():
+            each = readings.at(t, fine=exactly and bool(near[t]))
+            if exactly and each.may_reach(1.0):
+                each = readings.at(t, fine=True)
+            if each.half_width is found:
+                ratios[t] = each.ratio
+        closed.anchor(found, ratios)
+        end, binding = search.solve(found)
+        turned = False
+        for t in binding if exactly else []:
+            at, reach = turned_at.get(t, (found, 0.0))
+            if not np.abs(np.log(found / at)).max() < reach:
+                closed.turn(t, found, readings.at(t, fine=True).slopes())
+                turned_at[t], turned = (found, 2 * reach or STAYS), True
+        if turned:
+            end, _ = search.solve(found)
+        elif exactly:
+            largest = max(readings.at(t, fine=False).ratio for t in range(len(held)))
+            still = bool(np.abs(np.log(end / found)).max() <= AIM)
+            if largest <= 1 and (largest >= 1 - SHORT or still):
+                return readings
+        found = end
     detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
     raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The least cost within all limits in closed form."""
+
+    curves: PriceCurves
+    lower: Array  # (K,)
+    upper: Array  # (K,)
+    closed: ClosedLimits
+
+    def solve(self, half_width: Array) -> tuple[Array, list[int]]:
+        """(half-widths (K,), which limits hold the cost up), from some half-widths: the squares are taken to be linear
+        in the squares of half-widths, as a mean square is, again where that led until it stands still.
+
+        From the second step on by the mixture of two that leaves least of both (Anderson 1965, Journal of the ACM 12,
+        547-560): such steps creep, and some swing.
+        """
+        ended, moved, multipliers = half_width, np.zeros(len(half_width)), np.zeros(len(self.closed.limit))
+        for step in range(MOST_STEPS):
+            logs, slopes = self.closed.log_squares(half_width)
+            squares = np.exp(logs) / (1 - AIM) ** 2
+            linear = squares[:, None] * slopes / (2 * half_width**2)
+            fixed = squares - linear @ half_width**2
+            end = np.log(_Model(self.curves, self.lower, self.upper, fixed, linear).solve(multipliers))
+            move = end - np.log(half_width)
+            if np.abs(move).max() <= SETTLED:
+                break
+            other = move - moved
+            back = float(move @ other) / max(float(other @ other), 1e-300) if step else 0.0
+            half_width = np.clip(np.exp(end - back * (end - ended)), self.lower, self.upper)
+            ended, moved = end, move
+        return np.exp(end), np.flatnonzero(multipliers).tolist()
 
 
 def _round(problem: PlacementProblem, half_width: Array) -> Array:
@@ -286,33 +372,41 @@ class _Model:
         """(T,) beyond each limit."""
         return np.asarray(self.fixed + self.by_square @ half_width**2 - 1)
 
-    def solve(self) -> Array:
-        """(K,) half-widths; the least where they do not keep the limits."""
-        multipliers = np.zeros(len(self.fixed))
-        for t in range(len(multipliers)):
-            self._meet(t, multipliers)
-        if len(multipliers) > 1:
-            self._meet_all(multipliers)
+    def solve(self, near: Array | None = None) -> Array:
+        """(K,) half-widths; the least where they do not keep the limits.
+
+        near: (T,) multipliers, those that are above 0 sought there first; what was found is left in it.
+        """
+        start, multipliers = np.zeros(len(self.fixed)) if near is None else near.copy(), np.zeros(len(self.fixed))
+        for met in range(len(multipliers)):
+            excess = self.excess(self.cheapest(multipliers))
+            if excess.max() <= EXACT:
+                break
+            self._meet(t := int(excess.argmax()), multipliers, float(start[t]))
+            if met:
+                self._meet_all(multipliers)
+        if near is not None:
+            near[:] = multipliers
         return self.cheapest(multipliers)
 
-    def _meet(self, t: int, multipliers: Array) -> None:
-        """Put one multiplier where its limit is kept at the others as they are, in place."""
+    def _meet(self, t: int, multipliers: Array, near: float) -> None:
+        """Put one multiplier where its limit, which is broken without it, is kept at the others as they are, in
+        place."""
 
         def over(logarithm: float) -> float:
             multipliers[t] = np.exp(logarithm)
             return float(self.excess(self.cheapest(multipliers))[t])
 
-        if self.excess(self.cheapest(multipliers))[t] <= 0:
-            return
         if self.excess(self.lower)[t] >= 0:
             multipliers[t] = np.exp(LARGEST)
             return
-        least = more = float(self.curves.log_cost(self.upper).max())
-        while over(least) < 0:
-            least -= 4.0
+        less = more = np.log(near) if near > 0 else float(self.curves.log_cost(self.upper).max())
+        step = 0.1 if near > 0 else 4.0
+        while over(less) < 0:
+            less, step = less - step, 2 * step
         while over(more) > 0 and more < LARGEST:
-            more += 4.0
-        multipliers[t] = np.exp(brentq(over, least, more, xtol=1e-13) if more > least else more)
+            more, step = more + step, 2 * step
+        multipliers[t] = np.exp(brentq(over, less, more, xtol=1e-11) if more > less else more)
 
     def _meet_all(self, multipliers: Array) -> None:
         """Newton's method in the dual with what is not above 0 held at 0 (Bertsekas 1982, SIAM Journal on Control and
@@ -333,9 +427,9 @@ class _Model:
             own = self.by_square[free]
             bend = (own * yielding) @ own.T
             step, part = np.zeros(len(multipliers)), 1.0
-            step[free] = np.linalg.lstsq(bend + 1e-12 * np.trace(bend) * np.eye(len(bend)), excess[free], rcond=None)[0]
+            step[free] = np.linalg.lstsq(bend + 1e-9 * np.trace(bend) * np.eye(len(bend)), excess[free], rcond=None)[0]
             here, moved = dual(multipliers), np.maximum(multipliers + step, 0.0)
-            while dual(moved) < here + 1e-4 * float(excess @ (moved - multipliers)) and part > 1e-9:
+            while dual(moved) < here + 1e-4 * float(excess @ (moved - multipliers)) and part > 1e-15:
                 part /= 2
                 moved = np.maximum(multipliers + part * step, 0.0)
             multipliers[:] = moved
@@ -346,10 +440,11 @@ def _report(
     asked: str | None,
     least: Sequence[_Reading],
     found: Sequence[_Reading],
+    now: Array,
     locked: Sequence[str],
 ) -> Allocation:
-    """least, found: all limits at the least half-widths, and at those that were found."""
-    before, now = present_choice(problem).half_width, found[0].half_width
+    """least, found: all limits at the least half-widths, and at those that were found, now (K,)."""
+    before = present_choice(problem).half_width
     asked = asked or max(found, key=lambda each: each.ratio).held.demand.requirement.name
     own = [t for t, each in enumerate(found) if each.held.demand.requirement.name == asked]
     binding = [each.held.demand for each in found if each.ratio > 1 - BINDS]

@@ -734,6 +734,33 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
     return evaluation_of(law, 0.5).exceedance(float(limit))
 
 
+class LawReading:
+    """What a score says about a law, each number read when it is asked for; fine: as of :func:`law_quantile`."""
+
+    def __init__(self, law: LinearLaw, p: float, limit: float | None = None, *, fine: bool = True) -> None:
+        self._evaluation, self._p, self._limit = evaluation_of(law, p, fine), float(p), limit
+
+    @cached_property
+    def quantile(self) -> LawQuantile:
+        return self._evaluation.quantile(self._p)
+
+    @property
+    def mean_norm_mm(self) -> float:
+        """E|e|"""
+        return self._evaluation.excess(0.0)
+
+    @property
+    def cvar_mm(self) -> float:
+        """E[|e| given |e| >= quantile]"""
+        beyond = self._evaluation.excess(self.quantile.quantile_mm)
+        return self.quantile.quantile_mm + beyond / (1.0 - self._p)
+
+    @property
+    def exceedance(self) -> float | None:
+        """P(|e| > limit), on the lattice of the quantile where that serves."""
+        return None if self._limit is None or not self.quantile else self._evaluation.exceedance(float(self._limit))
+
+
 def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
     """Quantile, E|e|, the mean of the worst 1 - p (E[|e| given |e| >= quantile]), and P(|e| > limit), in mm.
 
@@ -741,11 +768,8 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
     """
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
-    evaluation = evaluation_of(law, p)
-    quantile = evaluation.quantile(float(p))
-    tail_mean = quantile.quantile_mm + evaluation.excess(quantile.quantile_mm) / (1.0 - p)
-    exceedance = None if limit is None else evaluation.exceedance(float(limit))
-    return LawSummary(quantile, evaluation.excess(0.0), tail_mean, exceedance)
+    read = LawReading(law, p, limit)
+    return LawSummary(read.quantile, read.mean_norm_mm, read.cvar_mm, read.exceedance)
 
 
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:

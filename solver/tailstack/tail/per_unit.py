@@ -312,6 +312,7 @@ class UnitReading:
     position: float  # of its middle
     by_distance: NDArray[np.intp]  # (n,) units by |d|
     own: Array  # (n,) mm, R: solved over twice the window, of which some may enter it, and from which its slope is read
+    corrected: int  # how many units are solved under the declared law of the shot
 
     @property
     def quantile(self) -> UnitQuantile:
@@ -322,7 +323,7 @@ class UnitReading:
         rank[order] = distance_rank[self.by_distance] = np.arange(n)
         weight = width - np.abs(rank - position)
         # A unit is taken by its number in the sample: neighbouring laws take the same ones.
-        near = np.flatnonzero(weight[: max(CORRECTED * n // (2 * width), 1)] > 0)
+        near = np.flatnonzero(weight[: max(self.corrected * n // (2 * width), 1)] > 0)
         shift, error = _correct(units, near, own[near], weight[near])
         ends = max(position - width, 0.0), min(position + width, n - 1.0)
         ranked = own[order]
@@ -402,7 +403,7 @@ class SignedReading:
 
 
 def read_units(
-    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
+    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8, corrected: int = CORRECTED
 ) -> UnitReading | SignedReading:
     """What the fraction-quantile over installed units of a unit's own p-quantile over shots, and its derivatives, are
     read from; continuous in both laws.
@@ -420,7 +421,7 @@ def read_units(
     by_distance = np.argsort(units.distance)
     position = position_of(units.distance[by_distance], width, distance.quantile_mm)
     own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
-    return UnitReading(installation, units, distance, width, position, by_distance, own)
+    return UnitReading(installation, units, distance, width, position, by_distance, own, corrected)
 
 
 def unit_quantile(
