@@ -58,12 +58,11 @@ from .results import (
     ViewCheck,
 )
 from .results.quality import ppk_of
-from .results.score import FiftyShots
+from .results.score import SHOTS, FiftyShots
 from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, MeasureShare, decisive_check
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, LinearLaw, MixedLaw, PairLaw, law_exceedance, law_quantile, law_summary
-from .tail.fifty import fifty_quantiles
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk
 from .verdict import conclude, judge
@@ -360,7 +359,7 @@ def _share_out(error: ErrorScore) -> tuple[MeasureShare, ...]:
     """By contributor, of which the images of two targets are one."""
     squares: defaultdict[tuple[str, str, str], float] = defaultdict(float)
     for block in error.model.blocks:
-        key = block.contributor, block.label, str(block.drawn)
+        key = block.contributor, block.label, str(block.effect.drawn)
         squares[key] += float((block.columns_mm(error.at.error) ** 2).sum())
     whole = sum(squares.values()) or 1.0
     ordered = sorted(squares.items(), key=lambda item: -item[1])
@@ -371,7 +370,7 @@ def _draw_fifty(check: Check, error: ErrorScore) -> FiftyShots:
     """Of what a check limits."""
     measure, shots = MEASURE[check.error], error.shots(check.quantile)
     law = MixedLaw([error.law_at(check.quantile).law], np.ones(1)) if shots is None else shots.law
-    values = [None if isnan(value) else value for value in fifty_quantiles(law).tolist()]
+    values = [None if isnan(value) else value for value in law.middles(SHOTS).tolist()]
     limit = check.limit if check.beyond is None else check.beyond
     return FiftyShots(f"{measure.words}, {check.target}", measure.unit, tuple(values), limit, law.exceedance(limit))
 
@@ -476,7 +475,7 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     assert isinstance(model, LinearModel)
     try:
         plan = compile_plan(replace(system, loss_probability=()), vertex=worst.vertex(model))
-        refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
+        refuse_outside_range(model.nonlinearity.divisor, plan.dimension)
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
     index = system.targets.index(model.target)

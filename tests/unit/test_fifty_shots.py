@@ -12,8 +12,9 @@ from plain_data import DEMO, EXAMPLES, replaced
 from tailstack import load_design
 from tailstack.results.score import SHOTS
 from tailstack.scoring import score
-from tailstack.tail.declared import LinearLaw, MixedLaw
-from tailstack.tail.fifty import ORDERS, WITHIN, fifty_quantiles
+from tailstack.tail.declared import WITHIN, LinearLaw, MixedLaw
+
+ORDERS = (np.arange(SHOTS) + 0.5) / SHOTS
 
 LAWS: list[tuple[float, float, float, float, Any]] = [  # with an answer, bias, std, uniform part along x, quantiles
     (1.0, 10.0, 0.1, 0.0, lambda p: 0.1 * np.sqrt(ncx2(3, 1e4).ppf(p))),  # narrow
@@ -29,7 +30,7 @@ def test_quantiles_are_those_of_closed_forms(
 ) -> None:
     """closed_form: each lies between quantiles of orders WITHIN, and as much for the law's error, away."""
     law = LinearLaw(bias * np.eye(3)[0], std**2 * np.eye(3), wide * np.eye(3)[:, :1], np.zeros(1, dtype=np.int64))
-    found = fifty_quantiles(MixedLaw([law], np.array([answered])))
+    found = MixedLaw([law], np.array([answered])).middles(SHOTS)
     low, high = ((1 + 1e-4 * side) * quantile(ORDERS + 2 * side * WITHIN) for side in (-1, 1))
     assert np.array_equal(np.isnan(found), np.isnan(high))
     assert not ((found < low) | (found > high)).any()

@@ -22,7 +22,6 @@ from tailstack.tail.per_unit import (
     read_units,
     solve_between,
     unit_coordinates,
-    unit_quantile,
     unit_risk,
 )
 
@@ -60,7 +59,7 @@ def test_as_many_units_keep_a_quantile_as_it_says_where_shots_are_bounded(fracti
     """closed form: F(Q(y)) = y, where another fraction is required; uncorrected shots are 0.016 or more off."""
     unit = linear_law([0.2, 0, 0.1], FIXED, COLUMNS)
     shot = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
-    limit = unit_quantile(unit, shot, 0.95, fraction).value_mm
+    limit = read_units(unit, shot, 0.95, fraction).quantile.value_mm
     assert unit_risk(unit, shot, 0.95, limit, 0.99).yield_fraction == pytest.approx(fraction, abs=0.004)
 
 
@@ -89,11 +88,11 @@ def test_where_one_part_is_absent_the_rest_is_the_law():
     assert risk.value_mm == pytest.approx(quantile.quantile_mm, rel=3e-3)
     # Closed form: chi without shots, chi without an installation, a distance without either.
     ball, nothing = linear_law(np.zeros(3), 0.09 * np.eye(3)), linear_law(np.zeros(3), FIXED)
-    assert unit_quantile(ball, nothing, 0.8, 0.95).value_mm == pytest.approx(0.3 * stats.chi.ppf(0.95, 3), rel=2e-4)
-    alike = unit_quantile(nothing, ball, 0.8, 0.95)
+    apart, alike = (read_units(*laws, 0.8, 0.95).quantile for laws in ((ball, nothing), (nothing, ball)))
+    assert apart.value_mm == pytest.approx(0.3 * stats.chi.ppf(0.95, 3), rel=2e-4)
     assert alike.value_mm == pytest.approx(0.3 * stats.chi.ppf(0.8, 3), rel=1e-10)
     assert (alike.standard_error_mm, alike.density) == (0.0, 0.0)
-    assert unit_quantile(linear_law([3, 4, 0], FIXED), nothing, 0.8, 0.95).value_mm == pytest.approx(5, rel=1e-12)
+    assert read_units(linear_law([3, 4, 0], FIXED), nothing, 0.8, 0.95).quantile.value_mm == pytest.approx(5, rel=1e-12)
 
 
 @pytest.mark.parametrize(("n", "width"), [(1, 1), (7, 3), (200, 16)])
@@ -119,7 +118,7 @@ def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="limit must be >= 0"):
         unit_risk(unit, SHOT, 0.95, -1.0)
     with pytest.raises(ValueError, match="between 0 and 1"):
-        unit_quantile(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)
+        read_units(linear_law([0.1, 0, 0], NOISE), SHOT, 0.95, 1.0)
 
 
 @pytest.mark.long
@@ -140,7 +139,7 @@ def test_quantile_against_nested_draws():
         own[block] = np.quantile(np.linalg.norm(d[block, None] + s, axis=2), p, axis=1)
     reference = np.quantile(own, fraction)
     slope = (np.quantile(own, fraction + 0.02) - np.quantile(own, fraction - 0.02)) / 0.04
-    found = unit_quantile(unit, shot, p, fraction)
+    found = read_units(unit, shot, p, fraction).quantile
     spread = sqrt(fraction * (1 - fraction) / n) * slope
     assert abs(found.value_mm - reference) < 4 * sqrt(found.standard_error_mm**2 + spread**2)
     assert found.standard_error_mm < 0.005 * found.value_mm
@@ -159,7 +158,7 @@ def test_quantile_of_isotropic_laws(fraction, shot):
     distance = stats.chi.ppf(fraction, 3) * unit
     slope = (own(1.001 * distance) - own(0.999 * distance)) / (0.002 * distance)
     installation, shots = (linear_law(np.zeros(3), s**2 * np.eye(3)) for s in (unit, shot))
-    found = unit_quantile(installation, shots, p, fraction)
+    found = read_units(installation, shots, p, fraction).quantile
     # The control is R's own order: what is left is the curvature of R across the window.
     assert found.value_mm == pytest.approx(own(distance), rel=2e-4)
     assert found.density == pytest.approx(stats.chi.pdf(distance / unit, 3) / unit / slope, rel=0.15)
@@ -172,7 +171,7 @@ def test_quantile_does_not_see_the_frame():
     other, another = (
         linear_law(turn @ law.mean, turn @ law.covariance @ turn.T, turn @ law.columns) for law in (unit, shot)
     )
-    a, b = unit_quantile(unit, shot, 0.95, 0.9), unit_quantile(other, another, 0.95, 0.9)
+    a, b = read_units(unit, shot, 0.95, 0.9).quantile, read_units(other, another, 0.95, 0.9).quantile
     assert abs(a.value_mm - b.value_mm) < 4 * sqrt(a.standard_error_mm**2 + b.standard_error_mm**2)
 
 
@@ -184,7 +183,7 @@ def test_neighbouring_laws_have_neighbouring_quantiles(bounded_shots):
         covariance = np.array([[1 + t, 0.003, 0], [0.003, 1 - t, 0], [0, 0, 0.3]]) * 0.1
         unit = linear_law([0.2, 0.1 * t, 0.1], covariance, COLUMNS * (1 + t))
         shot = linear_law(np.zeros(3), NOISE * (1 - t), np.diag([0.3, 0.05, 0.1 + t]) if bounded_shots else None)
-        values.append(unit_quantile(unit, shot, 0.95, 0.95, log2_units=7).value_mm)
+        values.append(read_units(unit, shot, 0.95, 0.95, log2_units=7).quantile.value_mm)
     t = np.linspace(-1, 1, 17)
     left = np.array(values) / np.polyval(np.polyfit(t, values, 2), t) - 1
     assert np.abs(np.diff(left)).max() < 2e-4
@@ -284,7 +283,7 @@ def test_slopes_are_those_of_the_value(gaussian):
                 installation.columns * (1 + side * columns), installation.kinds,
             )  # fmt: skip
             shots = linear_law(np.zeros(3), NOISE + side * shot)
-            ends.append(unit_quantile(once, shots, 0.95, 0.9, log2_units=7).value_mm)
+            ends.append(read_units(once, shots, 0.95, 0.9, log2_units=7).quantile.value_mm)
         return (ends[0] - ends[1]) / (2 * step)
 
     turn = np.array([[0.5, 0.2, 0.0], [0.2, -0.3, 0.1], [0.0, 0.1, 0.8]])

@@ -28,7 +28,7 @@ quantile is again Pearson's, of cumulants that are polynomials in Q, and a quant
     D = d quantile / dQ = K1 + 2 V_2 K2 + 3 V_3 K3,   tr(Q K_n) = c_n of d'Qd,   n K_n = dc_n / dQ
 
 (V_n the slopes; tr(Q D) is the quantile itself by Euler's theorem).  Q = I gives the D from which the better Q comes.
-Within 0.7 % rms, -3.5 ... +3.7 % at worst, of ``per_unit.unit_quantile`` over 400 random laws with Gaussian shots
+Within 0.7 % rms, -3.5 ... +3.7 % at worst, of ``per_unit.read_units`` over 400 random laws with Gaussian shots
 (shot / installation 0.05 ... 5, p 0.90 ... 0.99, fraction 0.80 ... 0.99).  Shots count as Gaussian.
 
 Everything here is + - * / and ``** 0.5``: floats, arrays of them and CasADi SX alike.

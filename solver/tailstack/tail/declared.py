@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
@@ -37,6 +37,7 @@ from .gaussian import (
     normal_quantile,
     probability_iv,
     quantile_on_axes,
+    sound,
 )
 from .lattice import (
     Accuracy,
@@ -73,6 +74,8 @@ _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: t
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 FAR = 10.0  # standard deviations within which all of a law is: beyond is less than exp(-50)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
+WITHIN = 1e-4  # of its order, in which a quantile in the middle of a part may be off
+_INTERVALS, _ROUNDS = 24, 60  # of the chords that these are found by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -375,11 +378,9 @@ class GaussianLaw:
         law = self.law
         if not law.covariance.any():
             return LawQuantile(p, float(np.linalg.norm(law.mean)), 0.0, GAUSSIAN_METHOD, 0.0)
-        r, density, _, _ = norm_gradient_jit(law.mean, law.covariance, p)
-        if r != r:
-            detail = f"the Gaussian quantile did not converge for {law}"
-            raise NotConvergedError(Problem("", "tail-not-converged", detail))
-        return LawQuantile(p, float(r), float(density), GAUSSIAN_METHOD, 1e-12 * float(r))
+        found, density, _, _ = norm_gradient_jit(law.mean, law.covariance, p)
+        r = sound(found, "the quantile", law.mean, law.covariance)
+        return LawQuantile(p, r, float(density), GAUSSIAN_METHOD, 1e-12 * r)
 
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
@@ -538,17 +539,17 @@ class PairLaw:
         return self._longer.excess(r) + 0.5 * span * float(np.dot(weights, [self.probability_added(x)[0] for x in at]))
 
     def gradient(self, mixture: Quantiles) -> LawGradient:
-        every = [[weight * each for each in self._gradient_of(total)] for total, weight in mixture]
-        by_mean, by_covariance, by_log_column = (sum(each[1:], each[0]) for each in zip(*every, strict=True))
-        return LawGradient(by_mean, by_covariance, by_log_column)
+        return add_gradients([self._gradient_of(total, weight) for total, weight in mixture])
 
-    def _gradient_of(self, total: LawQuantile) -> tuple[Array, Array, Array]:
-        """Of one quantile, as the fields of a :class:`LawGradient`."""
-        slopes, columns = self._slopes(total), self.law.columns
-        alone = self._alone_slopes(total)
-        by_log = alone[2] - (slopes.by_columns * columns).sum(axis=0)
-        scale = -1.0 / total.density
-        return (alone[0] - slopes.by_mean) * scale, (alone[1] - slopes.by_covariance) * scale, by_log * scale
+    def _gradient_of(self, total: LawQuantile, weight: float) -> LawGradient:
+        """Of one quantile, times a weight."""
+        slopes, (end, at, scale) = self._slopes(total), self._alone_at(total)
+        added = slopes.by_mean, slopes.by_covariance, (slopes.by_columns * self.law.columns).sum(axis=0)
+        own, mean, covariance = end.gradient([(at, 1.0)]), np.zeros(6), np.zeros((6, 6))
+        mean[self._rows], covariance[self._rows, self._rows] = own.by_mean, own.by_covariance
+        alone = mean * scale, covariance * np.outer(scale, scale), own.by_log_column
+        pairs = zip(alone, added, strict=True)
+        return LawGradient(*(weight * ((one * -at.density - more) * (-1.0 / total.density)) for one, more in pairs))
 
     def column_gradient(self, mixture: Quantiles) -> Array | None:
         whole = np.zeros_like(self.law.columns)
@@ -578,15 +579,6 @@ class PairLaw:
         """The first alone, its quantile at this one's radius, and what its components are multiplied by."""
         end = self.longer_at(total.quantile_mm)
         return end, end.quantile(end.probability(total.quantile_mm)), self.law.scale_at(total.quantile_mm)
-
-    def _alone_slopes(self, total: LawQuantile) -> tuple[Array, Array, Array]:
-        """Derivatives of P(|x_1| <= r) by mean (6,), covariance (6, 6), logarithms of the columns (k,)."""
-        end, at, scale = self._alone_at(total)
-        own, (mean, covariance) = end.gradient([(at, 1.0)]), (np.zeros(6), np.zeros((6, 6)))
-        mean[self._rows], covariance[self._rows, self._rows] = own.by_mean, own.by_covariance
-        every = mean * scale, covariance * np.outer(scale, scale), own.by_log_column
-        by_mean, by_covariance, by_log = (each * -at.density for each in every)
-        return by_mean, by_covariance, by_log
 
 
 def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw | PairLaw | OneSidedLaw:
@@ -709,6 +701,27 @@ class MixedLaw:
         quantile = LawQuantile(p, r, 0.0, MIXED_METHOD, 1e-9 * r)
         tail_mean = r + beyond / (whole - p)
         return LawSummary(quantile, mean / whole, tail_mean, None if limit is None else self.exceedance(limit))
+
+    def middles(self, parts: int) -> Array:
+        """(parts,) mm, quantiles in the middles of equal parts, shots of a quantile dot plot (Kay et al., CHI 2016):
+        each of its order to WITHIN, beside the error of the law itself, by chords over normal deviates; NaN: there is
+        none."""
+        orders = (np.arange(parts) + 0.5) / parts
+        law = MixedLaw(self.laws, self.weights, orders[-1], fine=False)
+        found, off = np.full(parts, np.nan), float(law.weights.sum()) >= orders
+        end = law_quantile(law.laws[int(law.weights.argmax())], orders[-1], fine=False).quantile_mm or 1e-9
+        while law.probability(end) < orders[off].max(initial=WITHIN) - WITHIN:
+            end *= 1.1
+        radii = end * np.linspace(0.0, 1.0, _INTERVALS + 1)
+        known = np.array([law.probability(r) for r in radii.tolist()])
+        for _ in range(_ROUNDS):
+            found[off] = np.interp(ndtri(orders[off]), ndtri(np.clip(known, 1e-12, 1 - 1e-12)), radii)
+            reached = np.array([law.probability(r) for r in found[off].tolist()])
+            radii, known = np.sort(np.append(radii, found[off])), np.sort(np.append(known, reached))
+            off[off] = (np.abs(reached - orders[off]) > WITHIN) & ((found[off] > 0) | (reached < orders[off]))
+            if not off.any():
+                break
+        return found
 
 
 def find_radius(probability: Callable[[float], float], p: float, start: float, low: float = 0.0) -> float:

@@ -424,13 +424,6 @@ def read_units(
     return UnitReading(installation, units, distance, width, position, by_distance, own, corrected)
 
 
-def unit_quantile(
-    installation: LinearLaw, shot: LinearLaw, p: float, fraction: float, log2_units: int = 8
-) -> UnitQuantile:
-    """That of :func:`read_units`."""
-    return read_units(installation, shot, p, fraction, log2_units).quantile
-
-
 def _rank_weights(n: int, width: int, rank: int) -> Array:
     """(n,) of :func:`average_rank`."""
     weights = np.maximum(width - np.abs(np.arange(n) - rank), 0).astype(np.float64)
@@ -459,7 +452,7 @@ def unit_risk(
     fraction: float = 0.95,
     log2_units: int = 8,
 ) -> UnitRisk:
-    """:func:`unit_quantile` and, of the same units, the yield at a limit, mm.  Raises ValueError."""
+    """The quantile of :func:`read_units` and, of the same units, the yield at a limit, mm.  Raises ValueError."""
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
     fraction = probability_iv(fraction)
