@@ -118,14 +118,18 @@ def domain_of(kind: Any) -> tuple[float, float]:
     return max((domain_of(part) for part in get_args(kind)), key=lambda pair: pair[1] - pair[0], default=(inf, -inf))
 
 
-def leave_out_later(later: dict[str, Any]) -> Any:
+def leave_out_later(*later: str) -> Any:
     """The serializer of a record that leaves out the fields that came ``later`` where they have their default: the
     hashes of designs, and of their sections, that were made before stay what they were."""
 
+    @cache
+    def usual(record: type[Record]) -> dict[str, Any]:
+        return {name: record.model_fields[name].get_default(call_default_factory=True) for name in later}
+
     @model_serializer(mode="wrap")
     def write_as_before(self: Record, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        data = write(self)
-        return {name: value for name, value in data.items() if name not in later or value != later[name]}
+        data, least = write(self), usual(type(self))
+        return {name: value for name, value in data.items() if name not in least or value != least[name]}
 
     return write_as_before
 

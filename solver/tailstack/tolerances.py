@@ -151,7 +151,7 @@ class Tolerances(Record):
     (rotations deg^2, mixed terms deg mm, translations mm^2), jointly normal. A calibration's report has it. Half-widths
     are then two standard deviations."""
 
-    _as_before = leave_out_later({"correlation": None, "covariance_deg_mm": None})
+    _as_before = leave_out_later("correlation", "covariance_deg_mm")
 
     @model_validator(mode="after")
     def _go_together(self) -> Tolerances:

@@ -149,7 +149,7 @@ NoiseOfBeads = Annotated[
 ]
 
 
-@with_sections("view", sees=None, intrinsics_prior=None, fiducial_noise_shape=None, target_noise_shape=None)
+@with_sections("view", "sees", "intrinsics_prior", "fiducial_noise_shape", "target_noise_shape")
 class _View(Record):
     name: Name = Field(examples=["AP"])
     """What you call this view; unique."""
@@ -468,9 +468,7 @@ class Interface(Record):
     it changes no number, nor the hash of the design."""
     drawn: HowOften = level_field(Drawn.UNIT, "its tolerances, locators or features")
 
-    _as_before = leave_out_later(
-        {"drawn": Drawn.UNIT, "features": None, "locator_files": None, "drawing": None, "origin": None}
-    )
+    _as_before = leave_out_later("drawn", "features", "locator_files", "drawing", "origin")
 
     _one_way = only_one(*WAYS_OF_HOLDING)
 
@@ -532,7 +530,7 @@ class HandEye(Record):
     """The file of poses that tolerances were read from. Absent: they were written here."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT, "pose_pairs": None})
+    _as_before = leave_out_later("drawn", "pose_pairs")
 
     @model_validator(mode="after")
     def _stated_once(self) -> HandEye:
@@ -644,7 +642,7 @@ class Compliance(Record):
     _law = with_law("load_half_width_n")
 
 
-@with_sections("execution", drawn=Drawn.SHOT)
+@with_sections("execution", "drawn")
 class Execution(Record):
     """What happens between the navigated position and the tool."""
 
@@ -680,7 +678,7 @@ class FiducialPoint(Record):
     loss_probability: LossProbability | None = Field(default=None, examples=[0.02])
     """Of this fiducial, instead of the fiducials' loss_probability."""
 
-    _as_before = leave_out_later({"loss_probability": None})
+    _as_before = leave_out_later("loss_probability")
 
 
 class Manufacturing(Record):
@@ -692,7 +690,7 @@ class Manufacturing(Record):
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
     _law = with_law("half_width_mm")
 
 
@@ -705,7 +703,7 @@ class NamedPoint(Record):
     """Where CAD has it, con, mm."""
 
 
-@with_sections("fiducials", loss_probability=None, T_con_file=None, registered_to=None)
+@with_sections("fiducials", "loss_probability", "T_con_file", "registered_to")
 class Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
 
@@ -840,9 +838,7 @@ class TargetDocument(Record):
             raise refusal("out-of-range", detail, "the larger half-axis is corridor_major_mm", "corridor_major_mm")
         return self
 
-    _as_before = leave_out_later(
-        dict.fromkeys(("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction")) | {"ends": "one_shot"}
-    )
+    _as_before = leave_out_later("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction", "ends")
 
     @model_validator(mode="after")
     def _direction(self) -> TargetDocument:
@@ -989,9 +985,7 @@ class RequirementDocument(Record):
         """The quantile of one shot's error that is asked for."""
         return pooled_quantile(self.quantile, self.limit_probability, self.n)
 
-    _as_before = leave_out_later(
-        {"side": None, "statistic": "quantile", "limit_probability": None, "n": None, "ids": []}
-    )
+    _as_before = leave_out_later("side", "statistic", "limit_probability", "n", "ids")
 
     @property
     def measure(self) -> str:
@@ -1025,7 +1019,7 @@ class Model(Record):
     each view weighted by how well its noise lets it know the target. reprojection: least squares of the target's
     images. Default normalised."""
 
-    _as_before = leave_out_later({"estimator": DEFAULT_ESTIMATOR})
+    _as_before = leave_out_later("estimator")
 
 
 _Entry = Annotated[str, Field(max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
@@ -1059,7 +1053,7 @@ class DocumentTitle(Record):
         return self
 
 
-@with_sections("design", document=None, assumed=[], bodies=[], target_files=None, target_origins=None, review=None)
+@with_sections("design", "document", "assumed", "bodies", "target_files", "target_origins", "review")
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 

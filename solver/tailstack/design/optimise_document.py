@@ -295,7 +295,7 @@ class FreeTolerance(Record):
     """Process grades to choose from, instead of bounds and a curve; for every free tolerance, with objective: cost
     only."""
 
-    _as_before = leave_out_later({"also": []})
+    _as_before = leave_out_later("also")
 
     @property
     def unit(self) -> Literal["deg", "mm"]:
@@ -441,7 +441,7 @@ class Optimise(Record):
     seed: Annotated[int, Field(ge=0, le=2**63 - 1), AnySize("any number is a seed")] = Field(default=1, examples=[1])
     """Seed of the starts and of the check. Default 1."""
 
-    _as_before = leave_out_later({"fewest_moves": False, "grade_prices": None})
+    _as_before = leave_out_later("fewest_moves", "grade_prices")
 
     @property
     def frees_tolerances(self) -> bool:

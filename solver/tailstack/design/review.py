@@ -66,7 +66,7 @@ class Review(Record):
     comments: Annotated[list[Comment], Field(max_length=500)] = Field(default=[])
     """Comments, oldest first. Default none."""
 
-    _as_before = leave_out_later({"versions": [], "comments": []})
+    _as_before = leave_out_later("versions", "comments")
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:

@@ -28,15 +28,15 @@ EFFECTS: tuple[EffectKind[Any], ...] = (
 )
 
 
-def with_sections(host: Host, **later: Any) -> Callable[[type[_Record]], type[_Record]]:
+def with_sections(host: Host, *later: str) -> Callable[[type[_Record]], type[_Record]]:
     """Gives a record the fields that the effects add to it, in their order; no name of one is known to types.
 
     They, and what else came ``later`` than the first designs, are written only where they differ from their default."""
     sections = [kind.section for kind in EFFECTS if kind.host == host]
-    later |= {name: None for section in sections for name in section.model_fields}
+    later = (*later, *(name for section in sections for name in section.model_fields))
 
     def add(record: type[_Record]) -> type[_Record]:
-        own = {"__module__": record.__module__, "__doc__": record.__doc__, "_as_before": leave_out_later(later)}
+        own = {"__module__": record.__module__, "__doc__": record.__doc__, "_as_before": leave_out_later(*later)}
         made: Any = type(record.__name__, (*reversed(sections), record), own)
         return cast(type[_Record], made)
 

@@ -72,7 +72,7 @@ class Clamping(Record):
     """Of their common scale. Absent: exact."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
 
     @model_validator(mode="after")
     def _small(self) -> Self:
@@ -166,10 +166,6 @@ def _list_fiducials(section: CommonOfFiducials) -> Iterator[tuple[str, Sequence[
     return ((f"{pointer}/fiducials", each.fiducials) for _, each, pointer in _name_each(section) if each.fiducials)
 
 
-def _not_modelled(system: System) -> str:
-    return ""
-
-
 def _limits(system: System) -> Iterator[Limit]:
     """How much beads spread or draw together at most: first order errs by as much."""
     each = (effect.sources for effect in system.effects if isinstance(effect, ClampingEffect))
@@ -181,7 +177,6 @@ KIND = EffectKind(
     host="fiducials",
     section=CommonOfFiducials,
     compile=_compile,
-    not_modelled=_not_modelled,
     list_fiducials=_list_fiducials,
     limits=_limits,
 )

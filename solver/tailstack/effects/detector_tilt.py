@@ -45,7 +45,7 @@ class DetectorTilt(Record):
     """Known turn about v, degrees. Default 0."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
 
     @model_validator(mode="after")
     def _small(self) -> Self:

@@ -51,7 +51,7 @@ class ImageField(Record):
 
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
     _law = with_law("half_widths_px")
 
 

@@ -76,7 +76,7 @@ class IntrinsicsError(Record):
     """Of the principal point. Absent: exact."""
     drawn: HowOften = level_field(Drawn.UNIT)
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
 
 
 class IntrinsicsOfView(Record):
@@ -120,11 +120,6 @@ def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
     yield intrinsics_error(view.name, [focal.bias_rel, *centre.bias_px], sources, pointer, error.drawn)
 
 
-def _not_modelled(system: System) -> str:
-    """What an estimator believes without a doubt that the design states is said apart (``scoring.provenance``)."""
-    return ""
-
-
 NEAR, COUNTED_FAR = 6.0, 3.0  # radii of the fiducials; how often a known error counts for a target beyond
 
 
@@ -145,10 +140,5 @@ def _limits(system: System) -> Iterator[Limit]:
         yield Proportional("intrinsics that are known to be {} % wrong", size)
 
 
-KIND = EffectKind(
-    host="view",
-    section=IntrinsicsOfView,
-    compile=_compile,
-    not_modelled=_not_modelled,
-    limits=_limits,
-)
+# what an estimator believes without a doubt that the design states is said apart (``scoring.provenance``)
+KIND = EffectKind(host="view", section=IntrinsicsOfView, compile=_compile, limits=_limits)

@@ -76,7 +76,7 @@ class EffectKind(Generic[Section]):
     """What declares it: fields with a default of None, which that record takes over."""
     compile: Callable[[Section, Setting], Iterator[Effect]]
     """What a section declares.  Order counts: seeds draw in it."""
-    not_modelled: Callable[[System], str]
+    not_modelled: Callable[[System], str] = lambda system: ""
     """What a record says where it is not declared, or not in every view; empty: nothing."""
     check: Callable[[Section, Pivots], Iterator[Problem]] | None = None
     """What is refused beyond one record."""

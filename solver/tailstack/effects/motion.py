@@ -39,7 +39,7 @@ class Motion(Record):
     """Half-width and law per component."""
     drawn: HowOften = level_field(Drawn.SHOT)
 
-    _as_before = leave_out_later({"drawn": Drawn.SHOT})
+    _as_before = leave_out_later("drawn")
 
 
 class MotionOfView(Record):

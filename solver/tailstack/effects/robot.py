@@ -171,7 +171,7 @@ class Robot(Record):
     """Upwards, in the base of the arm. Default its z."""
     drawn: HowOften = level_field(Drawn.UNIT, "what belongs to the arm (encoders, links)")
 
-    _as_before = leave_out_later({"drawn": Drawn.UNIT})
+    _as_before = leave_out_later("drawn")
 
     _one_arm = only_one("dh", "joints", "urdf", needed="urdf: {file: arm.urdf}")
 

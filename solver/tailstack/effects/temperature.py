@@ -63,7 +63,7 @@ class Temperature(Record):
 
     drawn: HowOften = level_field(Drawn.SHOT)
 
-    _as_before = leave_out_later({"drawn": Drawn.SHOT})
+    _as_before = leave_out_later("drawn")
     _law = with_law("half_width_k")
 
 
