@@ -384,7 +384,7 @@ def precision() -> Findings:
     system = cios_system()
     plan = compile_plan(system)
     model = linearise(system, system.targets[0])
-    law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
+    law = declared_law(model, "tcp", model.bias_mm("tcp"))
     first = law_quantile(law, 0.95)
     linear = LinearChain(
         model.bias_mm("tcp"), gains_in_plan_order(plan, model.blocks, (0,), "tcp"), lambda r: law_exceedance(law, r),

@@ -132,5 +132,5 @@ def _row(
         p95_without_mm=without_mm,
         label=block.label,
         localisation_share=localisation_share,
-        drawn=str(block.drawn),
+        drawn=str(block.effect.drawn),
     )

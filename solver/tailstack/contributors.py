@@ -66,7 +66,7 @@ def columns_of(model: ErrorModel, error: str) -> Columns:
         np.concatenate([block.std for block in blocks]),
         np.concatenate([block.half_width for block in blocks]),
         np.concatenate([_kinds_of(block.laws) for block in blocks]),
-        np.repeat([block.drawn.rank for block in blocks], [len(block.laws) for block in blocks]),
+        np.repeat([block.effect.drawn.rank for block in blocks], [len(block.laws) for block in blocks]),
         model.room,
     )
 
@@ -80,15 +80,9 @@ def law_of(mean: Array, *each: Columns) -> LinearLaw:
     return LinearLaw(mean, *(assemble_law if len(mean) == 3 else assemble_pair)(*each[0][:4]), room)
 
 
-def declared_law(model: ErrorModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
-    """The law of the linear model at ``mean`` (3,): normal sources as a covariance, the others as columns.
-
-    Returns the law and, for each non-Gaussian source (contributor, index), its column.
-    """
-    columns = columns_of(model, error)
-    keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
-    own = np.flatnonzero(columns.wide).tolist()
-    return law_of(mean, columns), {keys[j]: column for column, j in enumerate(own)}
+def declared_law(model: ErrorModel, error: str, mean: Array) -> LinearLaw:
+    """The law of the linear model at ``mean`` (3,): normal sources as a covariance, the others as columns."""
+    return law_of(mean, columns_of(model, error))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

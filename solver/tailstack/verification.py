@@ -83,7 +83,6 @@ Method = Literal["plain", "radial"]
 Key = tuple[str, str]  # target, error
 Vertex = tuple[tuple[str, float], ...]
 T = TypeVar("T")
-U = TypeVar("U")
 
 
 def verify(
@@ -125,7 +124,8 @@ def verify_prepared(
     Raises OutOfRangeError, and Pending with everything that the sampler does not hold and this look needs.
     """
     work = Work(ready, sampling, LocalSampler(ready, threads) if sampler is None else sampler, threads, progress)
-    samples, own = gather_both(partial(_sample, work), partial(_sample_units, work))
+    both: list[Callable[[], Any]] = [partial(_sample, work), partial(_sample_units, work)]
+    samples, own = gather(both)
     return _record(ready, sampling, samples, own)
 
 
@@ -182,7 +182,7 @@ class PreparedDesign:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
         if self.search is not None and not MEASURE[error].paired:
             return self.search.law_of_simulation(name, error, P95)
-        law, _ = declared_law(self.every[name, error], error, self.worst[name, error].mean_mm)
+        law = declared_law(self.every[name, error], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
 
     @property
@@ -330,7 +330,7 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
         raise OutOfRangeError(Problem("", "radial-pair", detail, "use plain sampling for this design"))
     targets = [names.index(name) for name in system.metrics[metric].site.weights]
     mean = mean_at(model, task.error, dict(task.vertex))
-    law, _ = declared_law(model, task.error, mean)
+    law = declared_law(model, task.error, mean)
     first = law_quantile(law, task.quantile)
     linear = LinearChain(
         mean=mean,
@@ -416,13 +416,6 @@ def gather(calls: Iterable[Callable[[], T]]) -> list[T]:
         wanted = [part for pending in missing for part in pending.wanted]
         raise Pending(wanted, sum(pending.remaining for pending in missing))
     return results
-
-
-def gather_both(first: Callable[[], T], second: Callable[[], U]) -> tuple[T, U]:
-    """:func:`gather` of two calls of different kinds."""
-    calls: list[Callable[[], Any]] = [first, second]
-    first_result, second_result = gather(calls)
-    return first_result, second_result
 
 
 def _sample(work: Work) -> SampledDesign:
@@ -514,7 +507,8 @@ def _sample_radially(work: Work) -> SampledDesign:
     ]
     trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
     radially = [partial(work.sampler.radial, task) for task in tasks]
-    samples, estimates = gather_both(partial(work.simulate, trials), partial(gather, radially))
+    both: list[Callable[[], Any]] = [partial(work.simulate, trials), partial(gather, radially)]
+    samples, estimates = gather(both)
     at_each: dict[tuple[str, str, float], list[QuantileEstimate]] = {}
     for task, estimate in zip(tasks, estimates, strict=True):
         at_each.setdefault((task.target, task.error, task.quantile), []).append(estimate.quantile)

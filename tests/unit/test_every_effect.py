@@ -142,8 +142,8 @@ def test_every_source_is_named_as_installation_or_as_noise(scene: System) -> Non
     once, again = (name_sources(model, held=held) for held in (True, False))
     for block in model.blocks:
         kind = block.contributor.split(":")[0].replace("_", " ")
-        assert (kind in once) == (block.drawn is Drawn.UNIT)
-        assert (kind in again) != (block.drawn is Drawn.UNIT)
+        assert (kind in once) == (block.effect.drawn is Drawn.UNIT)
+        assert (kind in again) != (block.effect.drawn is Drawn.UNIT)
     assert "all that is known" in once
 
 
@@ -184,7 +184,7 @@ def test_only_what_is_mounted_anew_is_drawn_at_each_installation(scene: System) 
     z = share_draws(plan, draw(plan, 5, np.arange(12)), (2, 4, 6))
     model = linearise(scene, scene.targets[0])
     for block in model.blocks:
-        wanted = 12 if block.drawn is Drawn.SHOT else 3 if block.contributor in INTERFACES else 1
+        wanted = 12 if block.effect.drawn is Drawn.SHOT else 3 if block.contributor in INTERFACES else 1
         columns = z[:, plan.columns_of(block.contributor)]
         assert len(np.unique(columns, axis=0)) == wanted, block.contributor
         assert draw_time(block.effect) == {12: "shot", 3: "installation", 1: "unit"}[wanted]

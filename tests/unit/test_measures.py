@@ -229,7 +229,7 @@ def test_what_is_drawn_anew_at_each_end_decides_an_angle() -> None:
         across, total = np.eye(3) - np.outer(along, along), np.zeros((3, 3))
         for blocks in zip(*(linearise(system, target).blocks for target in system.targets), strict=True):
             tip, entry = (across @ block.gain("tcp") * block.spread for block in blocks)
-            own = blocks[0].drawn in apart or blocks[0].contributor.startswith("target_noise")
+            own = blocks[0].effect.drawn in apart or blocks[0].contributor.startswith("target_noise")
             total += tip @ tip.T + entry @ entry.T if own else (tip - entry) @ (tip - entry).T
         return float(np.rad2deg(norm_quantile(0.95, np.zeros(3), total))) / length_mm
 

@@ -200,7 +200,7 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
         signs = np.array(np.meshgrid(*[[1.0, -1.0]] * len(ends))).reshape(len(ends), -1).T if ends else np.zeros((1, 0))
         means = [model.bias_mm(error) + sum((s * end for s, end in zip(row, ends, strict=True)), np.zeros(3))
                  for row in signs]  # fmt: skip
-        laws = [declared_law(model, error, mean)[0] for mean in means]
+        laws = [declared_law(model, error, mean) for mean in means]
         if demand.requirement.statistic == "cvar":
             worst = max(law_summary(law, 0.95).cvar_mm for law in laws)
         else:

@@ -29,7 +29,7 @@ from optimise_scenes import (
 )
 from plain_data import read_cases
 from scenes import cube_fiducials, mount, target, with_noise
-from tailstack.contributors import declared_law
+from tailstack.contributors import columns_of, declared_law
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, PlacementProblem
 from tailstack.optimisation.certificate import bound_cost, name_binding
@@ -145,7 +145,9 @@ def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
         connector_flange=mount("connector_flange", (0, 0, -145), half_width=[*half[3:], 0, 0, 0], law=law),
     )
     model = linearise(system, system.targets[0])
-    declared, where = declared_law(model, "tcp", model.bias_mm("tcp"))
+    declared = declared_law(model, "tcp", model.bias_mm("tcp"))
+    sources = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
+    where = {sources[j]: column for column, j in enumerate(np.flatnonzero(columns_of(model, "tcp").wide))}
     total = law_quantile(declared, 0.95)
     slopes = law_gradient(declared, total, fine=False)
     by_log = []  # dr / dlog h
@@ -218,7 +220,7 @@ def _quantile_at(problem: PlacementProblem, point: Array) -> float:
     layout = problem.system.fiducials_mm.copy()
     layout[7] = point
     model = linearise(replace(problem.system, fiducials_mm=layout), problem.system.targets[0])
-    return float(law_quantile(declared_law(model, "tcp", model.bias_mm("tcp"))[0], 0.95).quantile_mm)
+    return float(law_quantile(declared_law(model, "tcp", model.bias_mm("tcp")), 0.95).quantile_mm)
 
 
 def _along(problem: PlacementProblem, curve: Callable[[float], Array], low: float, high: float) -> tuple[Array, float]:

@@ -283,7 +283,7 @@ def test_the_split_model_has_the_covariance_of_the_score(seed: int) -> None:
             std = sources.std[sources.names.index(free.component)]
             total = total + np.outer(term.free_gain[:, k], term.free_gain[:, k]) * std**2
         np.testing.assert_allclose(total, covariance(model, error), rtol=1e-12, atol=1e-15)
-        law, _ = declared_law(model, error, model.bias_mm(error))
+        law = declared_law(model, error, model.bias_mm(error))
         np.testing.assert_array_equal(term.bias_mm, law.mean)
 
 

@@ -204,7 +204,7 @@ def floor_of(problem: PlacementProblem, target: str) -> float:
     slopes = target_slopes(information).moved[0]
     model, _ = linearise_demand(problem.system, term.demand)
     behind = tuple(block for block in model.blocks if block.effect.way is Way.LINK)
-    law, _ = declared_law(replace(model, blocks=behind), term.demand.requirement.error, np.zeros(3))
+    law = declared_law(replace(model, blocks=behind), term.demand.requirement.error, np.zeros(3))
     images = term.to_error @ np.linalg.inv(slopes.T @ slopes) @ term.to_error.T
     found = law_quantile(replace(law, covariance=law.covariance + images), term.demand.requirement.quantile)
     return found.quantile_mm - found.error_mm

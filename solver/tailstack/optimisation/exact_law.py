@@ -138,7 +138,7 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint, *, fine: bool 
     requirement = demand.requirement
     worst = worst_case(model, requirement.error, requirement.quantile, value=value_of(requirement))
     if not demand.nested:
-        law, _ = declared_law(model, requirement.error, worst.mean_mm)
+        law = declared_law(model, requirement.error, worst.mean_mm)
         of_law = LawReading(law, requirement.quantile, requirement.limit, fine=fine)
         quantile, row = of_law.quantile, requirement.row
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300) if fine else QUICK_ERROR
@@ -162,7 +162,7 @@ def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
     """The standard error, mm, that one trial would leave in the mean of quantiles that is limited: of n trials, those
     at p and q have the covariance ``(min(p, q) - p q) / (n f_p f_q)``; 0: nothing varies."""
     requirement = demand.requirement
-    law, _ = declared_law(exact.model, requirement.error, exact.mean_mm)
+    law = declared_law(exact.model, requirement.error, exact.mean_mm)
     levels, weights = np.array(requirement.mixture).T
     density = np.array([each.density for each in law_quantiles(law, levels, requirement.quantile)])
     if not density.all():

@@ -191,7 +191,7 @@ class _Reading:
         found = law_slopes(model, demand, worst.mean_mm, self.exact.read, fine=False)
         for k, (b, j) in enumerate(self.held.places):
             block = model.blocks[b]
-            key, held = (block.contributor, j), block.drawn.is_held(demand.level)
+            key, held = (block.contributor, j), block.effect.drawn.is_held(demand.level)
             if block.laws[j] is Law.BOUNDED:
                 slopes[k] = worst.signs[key] * self.half_width[k] * (found.by.by_mean @ block.gain(error)[:, j])
             else:

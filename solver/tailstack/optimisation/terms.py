@@ -331,7 +331,7 @@ def _sources(
             if k is not None:
                 drawn = problem.half_widths[k].drawn
                 per = laws[k][1] if drawn is None else std_per_half_width(law)
-            held = block.drawn.is_held(level)
+            held = block.effect.drawn.is_held(level)
             sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, held, part, drawn))
     return tuple(sources)
 

@@ -100,11 +100,6 @@ class Block(NamedTuple):
         """Whether it is one line of a budget, not component by component."""
         return self.effect.is_grouped
 
-    @property
-    def drawn(self) -> Drawn:
-        """How often."""
-        return self.effect.drawn
-
     def with_half_widths(self, half_width: Array) -> Block:
         """The same of sources with other half-widths (k,)."""
         return self._replace(effect=replace(self.effect, sources=replace(self.effect.sources, half_width=half_width)))

@@ -431,7 +431,7 @@ def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, err
 
 def noise_variance(model: LinearModel) -> float:
     """mm^2: trace of the covariance that the noise, all that is drawn at each shot, gives the localisation error."""
-    noise = (block for block in model.blocks if block.drawn is Drawn.SHOT)
+    noise = (block for block in model.blocks if block.effect.drawn is Drawn.SHOT)
     return sum(float((block.columns_mm("localisation") ** 2).sum()) for block in noise)
 
 
@@ -479,9 +479,9 @@ def remove_biases(system: System) -> System:
 
 def name_sources(model: LinearModel, *, held: bool) -> str:
     """What counts as installation error (held from shot to shot, and all that is known) or as noise, in words."""
-    own = [block for block in model.blocks if (block.drawn is not Drawn.SHOT) == held]
+    own = [block for block in model.blocks if (block.effect.drawn is not Drawn.SHOT) == held]
     words = [*(["all that is known"] if held else []), *(block.effect.words for block in own)]
-    levels = [level for level in Drawn if level in {block.drawn for block in own}] or [Drawn.UNIT]
+    levels = [level for level in Drawn if level in {block.effect.drawn for block in own}] or [Drawn.UNIT]
     drawn = " or ".join(f"once per {level}" for level in levels) if held else "at each shot"
     return "; ".join(dict.fromkeys(words)) + f": drawn {drawn}"
 

@@ -104,7 +104,7 @@ def _expect(system: System, body: MeasuredBody, fit: BodyFit, models: Models) ->
     def differ(name: str, site: Site) -> Array:
         """(n,) standard deviations of n linear numbers of the errors at targets."""
         blocks = join(models, MEASURE[name], site).blocks
-        columns = [block.columns_mm(name) for block in blocks if is_anew(block.drawn)]
+        columns = [block.columns_mm(name) for block in blocks if is_anew(block.effect.drawn)]
         return np.asarray(np.sqrt(2 * (np.hstack(columns) ** 2).sum(axis=1)))
 
     rotation, translation = (

@@ -110,7 +110,7 @@ def study_workspace(
     aim = next(each for each in system.targets if target in (None, each.name))
     arm = system.effects_at(Place.ARM)
     model = linearise(replace(system, effects=tuple(each for each in system.effects if each not in arm)), aim)
-    law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
+    law = declared_law(model, "tcp", model.bias_mm("tcp"))
     bounded = bounded_columns(model, "tcp")
     to_tcp = model.tcp_from_flange @ system.T_flange_con[:3, :3].T
     at_flange = system.T_flange_con[:3, :3] @ aim.position_mm + system.T_flange_con[:3, 3]
