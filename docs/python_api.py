@@ -72,7 +72,7 @@ DESIGN_NAMES = (
     "revise_design", "Revision", "list_presets", "design_json_schema", "Limits",
 )  # fmt: skip
 IMPORTED_FROM = "From `tailstack.integrations.conversion` and `tailstack.integrations.step`.\n"
-CONVERSION_NAMES = ("convert", "Conversion")
+CONVERSION_NAMES = ("convert", "ConvertedFile")
 STEP_NAMES = ("read_step",)
 READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check")
 WITHOUT_FIELDS = ("tailstack.results", "tailstack.design.reading", "tailstack.design.write")

@@ -18,8 +18,6 @@ from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
 CLASS = re.compile(r" *class (\w+)[(:\[]")  # by lines: to parse all sources takes seconds
-# Both are published: the one in docs/python.md, the other as a schema of openapi.json.
-BOTH_PUBLISHED = {"Conversion"}
 
 
 def classes_by_name() -> dict[str, list[str]]:
@@ -36,18 +34,12 @@ def classes_by_name() -> dict[str, list[str]]:
 def test_no_class_name_is_defined_twice():
     places = classes_by_name()
     assert len(places) > 500  # the sources were found
-    twice = {name: found for name, found in places.items() if len(found) > 1 and name not in BOTH_PUBLISHED}
+    twice = {name: found for name, found in places.items() if len(found) > 1}
     lines = "\n".join(f"  {name}: {', '.join(found)}" for name, found in sorted(twice.items()))
     assert not twice, (
         "A class name is defined twice.  Rename the less central class by what it is, with the field's noun; where "
         f"both are one thing, make them one:\n{lines}"
     )
-
-
-@pytest.mark.long
-def test_exceptions_are_still_needed():
-    places = classes_by_name()
-    assert [name for name in BOTH_PUBLISHED if len(places[name]) < 2] == []
 
 
 SOLVER = ROOT / "solver" / "tailstack"

@@ -20,7 +20,7 @@ from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducial
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import DesignError, LimitError
-from tailstack.integrations.conversion import Conversion, convert, read_source_file
+from tailstack.integrations.conversion import ConvertedFile, convert, read_source_file
 
 
 def read(text, name):
@@ -139,7 +139,7 @@ def test_the_same_beads_in_three_formats():
     assert back.notes == ()
 
 
-def convert_file(source: Path, target: Path) -> Conversion:
+def convert_file(source: Path, target: Path) -> ConvertedFile:
     made = convert(read_source_file(source), source.name, target.name, directory=source.parent)
     target.write_text(made.text, encoding="utf-8")
     return made

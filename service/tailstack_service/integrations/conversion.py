@@ -36,7 +36,7 @@ from ..rendering.tables import draw_table
 if TYPE_CHECKING:
     from tailstack.design import Design, Limits
     from tailstack.design.fiducial_files import FiducialList
-    from tailstack.integrations.conversion import Conversion as Made
+    from tailstack.integrations.conversion import ConvertedFile
     from tailstack.integrations.step import StepBody, StepSelection, StepTolerance
 
     from ..settings import Settings
@@ -238,7 +238,7 @@ class Wish:
     files: Mapping[str, bytes] = field(default_factory=dict)  # that came with a design which names them
 
 
-def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> Made:
+def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> ConvertedFile:
     """Convert; balls of a STEP file or images without a base get a first design.  Raises DesignError, LimitError.
 
     directory: what files that a design names are relative to; None: it may name none.
@@ -280,7 +280,7 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     return _complete(made, wish, starts, limits)
 
 
-def _complete(made: Made, wish: Wish, starts: list[str], limits: Limits) -> Made:
+def _complete(made: ConvertedFile, wish: Wish, starts: list[str], limits: Limits) -> ConvertedFile:
     """What was made of a base or of a start, with the comments of that, and notes on what it still needs."""
     from tailstack.design import load_design
 
@@ -323,7 +323,7 @@ def _what_is_missing(text: str, limits: Limits) -> list[str]:
     return [finding.message for finding in findings if finding.rule in PLAUSIBILITY]
 
 
-def _doubt_balls(made: Made, wish: Wish, limits: Limits) -> list[str]:
+def _doubt_balls(made: ConvertedFile, wish: Wish, limits: Limits) -> list[str]:
     """What ``validate`` would say of a design with the balls of a STEP file about their size: a slip of unit."""
     from tailstack.design import load_design
     from tailstack.design.plausibility import explain_refusal
@@ -475,7 +475,9 @@ def _read_references(source: Path) -> tuple[bytes, str] | None:
     return read_bytes(file, DEFAULT_LIMITS.fiducial_file_bytes, str(file)), file.name
 
 
-def _write_references(arguments: argparse.Namespace, source: Path, target: Path, made: Made) -> dict[Path, str]:
+def _write_references(
+    arguments: argparse.Namespace, source: Path, target: Path, made: ConvertedFile
+) -> dict[Path, str]:
     """The references to write beside a frame specification that is written, as wished.  Raises RequestError."""
     from tailstack.integrations.calibration_cages import write_references
 

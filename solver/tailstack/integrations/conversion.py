@@ -29,7 +29,7 @@ SEAT_HALF_WIDTH_MM = 0.02  # of a contact that a STEP file brings, which states 
 
 
 @dataclass(frozen=True, slots=True)
-class Conversion:
+class ConvertedFile:
     """The converted text, the fiducials in it, and what was done to the numbers on the way."""
 
     text: str  # of the new file
@@ -51,7 +51,7 @@ def convert(
     selection: StepSelection | None = None,
     base: Base | None = None,
     cage: CageForm | None = None,
-) -> Conversion:
+) -> ConvertedFile:
     """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
 
     Fiducials are also read from .tsv, and from .json that holds points of 3D Slicer.
@@ -82,7 +82,7 @@ def convert(
             fiducials = _keep_fiducials(base, source_name)
         data, notes = _place_fiducials(base, fiducials, reading.contacts, seat)
         text = write_data(data, fiducials, target_name, written)
-        return Conversion(text, (*reading.notes, *notes), fiducials, reading.bodies, reading.tolerances)
+        return ConvertedFile(text, (*reading.notes, *notes), fiducials, reading.bodies, reading.tolerances)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(ENDINGS) and not _is_design(content, source_name):
@@ -91,13 +91,13 @@ def convert(
         else:
             fiducials = read_fiducials(content, source_name, limits)
         data, _ = _place_fiducials(base, fiducials)
-        return Conversion(write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
+        return ConvertedFile(write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
     design = load_design(
         content, form=form, base_directory=directory, allow_files=allow_files, files=files, limits=limits
     )
     text = write_data(design_to_data(design), design.fiducials, target_name, written)
-    return Conversion(text, design.fiducials.notes, design.fiducials)
+    return ConvertedFile(text, design.fiducials.notes, design.fiducials)
 
 
 def _keep_fiducials(base: Base | None, name: str) -> FiducialList:

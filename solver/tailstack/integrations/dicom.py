@@ -31,7 +31,7 @@ from ..design.write import design_to_data
 from ..errors import DesignError, Problem
 from ..extras import name_missing_extra
 from ..results import Vector3
-from .conversion import IMAGES, Conversion, write_data
+from .conversion import IMAGES, ConvertedFile, write_data
 
 # Those without which there is no view: tag, numbers, the field of a view that says the same
 NEEDED = {
@@ -248,7 +248,7 @@ def convert_shots(
     target_name: str,
     base: Design | Callable[[Sequence[Shot]], Design],
     limits: Limits = DEFAULT_LIMITS,
-) -> Conversion:
+) -> ConvertedFile:
     """The images (content and name of each) as the views of a design, or of what makes one for them: .yaml or .json.
 
     Raises DesignError, LimitError, MissingExtraError.
@@ -268,7 +268,7 @@ def convert_shots(
         sources = [named.get("/".join(each.pointer.split("/")[:3])) for each in error.problems]
         placed = [replace(each, file=file) for each, file in zip(error.problems, sources, strict=True)]
         raise DesignError(placed) from None
-    return Conversion(write_data(design_to_data(design), design.fiducials, target_name), notes, design.fiducials)
+    return ConvertedFile(write_data(design_to_data(design), design.fiducials, target_name), notes, design.fiducials)
 
 
 def place_shots(base: Design, shots: Sequence[Shot]) -> tuple[dict[str, Any], tuple[str, ...]]:
