@@ -18,6 +18,7 @@ from scipy.linalg import rq
 
 import operations
 from bench import ROOT, Figure, Findings, interleave, watch_load
+from plain_trials import simulate
 from scenes import cios_system, read_only
 from tailstack.contributors import declared_law
 from tailstack.estimation.resection import homogeneous
@@ -27,7 +28,6 @@ from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.lanes import WIDTH
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
 from tailstack.montecarlo.radial import LinearChain, gains_in_plan_order, radial
-from tailstack.montecarlo.simulate import simulate
 from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, System, View
 from tailstack.tail.declared import law_exceedance, law_quantile
@@ -418,8 +418,8 @@ def precision() -> Findings:
 
 
 MEMORY = """
+from plain_trials import simulate
 from scenes import cios_system
-from tailstack.montecarlo.simulate import simulate
 simulate(cios_system(), trials=10_000_000, seed=1)
 # VmHWM starts anew at exec; ru_maxrss would remember the process that started this one.
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))

@@ -26,9 +26,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from plain_trials import simulate
 from tailstack.design import compile_design, load_design
 from tailstack.montecarlo.estimators import quantile_estimate
-from tailstack.montecarlo.simulate import simulate
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Law, Reading, System, Target, View, execution_of, mount, no_sources
 from tailstack.tail.gaussian import norm_gradient_jit, norm_mean, norm_quantile

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_invariances import moved
 
+from plain_trials import simulate
 from scenes import broken_system, cios_system, cube8_system, random_system, with_noise
 from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly
 from tailstack.montecarlo.plan import compile_plan
-from tailstack.montecarlo.simulate import Samples, simulate
+from tailstack.montecarlo.simulate import Samples
 from tailstack.system import Reading, Triangulation
 
 pytestmark = pytest.mark.hostile

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from plain_data import DEMO, problems_of, replaced
+from plain_trials import simulate
 from scenes import cios_system, cube8_system, installation, random_system, system_of, taken
 from tailstack import load_design, optimise, score, sweep, verify
 from tailstack.design.write import Revision, revise_design
@@ -19,7 +20,7 @@ from tailstack.montecarlo.chain import draw, draw_losses, run_indices
 from tailstack.montecarlo.estimators import cvar_interval
 from tailstack.montecarlo.plan import compile_plan, hide_fiducials, object_frame, replan
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
-from tailstack.montecarlo.simulate import Run, Simulation, simulate
+from tailstack.montecarlo.simulate import Run, Simulation
 from tailstack.optimisation import margin
 from tailstack.system import Estimator, Requirement, Triangulation
 from tailstack.verification import Sampling, prepare, verify_prepared

@@ -17,6 +17,7 @@ from scipy import stats
 from scipy.stats import beta
 
 from laws import linear_law
+from plain_trials import simulate
 from scenes import cios_system, cube8_system, installation, mount, random_system, read_only, target, with_noise
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo.chain import draw, evaluate
@@ -31,7 +32,7 @@ from tailstack.montecarlo.estimators import (
 )
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
 from tailstack.montecarlo.radial import LinearChain, gains_in_plan_order, radial
-from tailstack.montecarlo.simulate import Run, Samples, Simulation, deepen, simulate
+from tailstack.montecarlo.simulate import Run, Samples, Simulation, deepen
 from tailstack.montecarlo.stopping import (
     Goal,
     LimitQuestion,

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from plain_trials import simulate
 from scenes import cube8_system, cube_fiducials, mount, system_of, target, with_noise
 from tailstack import DesignError, score, verify
 from tailstack.montecarlo.chain import run_indices
@@ -23,6 +24,7 @@ from tailstack.montecarlo.shards import (
     LARGEST_SHARD,
     Pending,
     Shard,
+    Tail,
     TrialsTask,
     compute_shard,
     pack,
@@ -32,8 +34,7 @@ from tailstack.montecarlo.shards import (
     spans,
     unpack,
 )
-from tailstack.montecarlo.simulate import Run, Samples, Simulation, simulate
-from tailstack.montecarlo.tails import Tail
+from tailstack.montecarlo.simulate import Run, Samples, Simulation
 from tailstack.system import Law, Requirement
 from tailstack.verification import (
     RadialTask,
@@ -222,7 +223,7 @@ def test_what_is_kept_is_the_largest_of_all(law: str) -> None:
         tail.add(norms, -inf)
         every = np.concatenate([every, norms])
         if tail.size > 1500:
-            tail.cut(1000)
+            tail.settle(1000)
     assert np.array_equal(tail.settle(1000), np.sort(every)[-1000:])
 
 

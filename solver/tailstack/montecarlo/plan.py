@@ -132,11 +132,6 @@ class ChainPlan:
         return next((slice(block.start, block.stop) for block in self.blocks if block.name == name), slice(0, 0))
 
     @property
-    def inputs(self) -> int:
-        """The same number, by the name the second-order correction asks for."""
-        return self.dimension
-
-    @property
     def laws(self) -> tuple[Law, ...]:
         return tuple(law for block in self.blocks for law in block.laws)
 

@@ -3,7 +3,8 @@
 Trial i depends on (seed, i) alone.  Blocks of ``BLOCK`` trials are the unit of summation and a shard holds whole
 blocks, each with its own moments: merging them one by one in the order of their indices gives the digits of an
 undivided run, wherever it was cut and however many threads drew it.  Of the norms a shard holds the largest; merged,
-the tail is complete down to the highest of the shards' floors.
+the tail is complete down to the highest of the shards' floors.  A rank that is asked for and was not kept is drawn
+again (``simulate.deepen``), never replaced by another.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from math import fsum, inf, prod
+from dataclasses import dataclass, field
+from math import ceil, fsum, inf, prod, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,6 @@ from ..results.json_text import write_json
 from .chain import measure_trials, norms_of, run_indices
 from .kernel import reduce_block
 from .plan import ChainPlan
-from .tails import tail_size, take_largest
 
 BLOCK = 8192
 REPROJECTION_TRIALS = 16384  # the first of a run, whose reprojection errors are kept
@@ -72,6 +72,46 @@ class TrialsTask:
     limits: tuple[float, ...]  # mm, one for each metric; inf: none
     then: tuple[tuple[int, int], ...] = ()  # ranges that will almost certainly be wanted next
     expected: int = 0  # trials with which the run will end, as far as is known
+
+
+def tail_size(trials: int, quantile: float) -> int:
+    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
+    beyond = trials * (1 - quantile)
+    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
+
+
+def take_largest(values: Array, count: int) -> Array:
+    """The ``count`` largest, in any order."""
+    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
+
+
+@dataclass(slots=True)
+class Tail:
+    """The largest norms of one error so far, mm."""
+
+    parts: list[Array] = field(default_factory=list)
+    size: int = 0  # norms in the parts
+    floor: float = -inf  # every norm above is in the parts
+
+    def add(self, norms: Array, floor: float) -> None:
+        """Norms that are complete above their floor."""
+        if floor > self.floor:
+            self.floor = floor
+        else:
+            norms = norms[norms > self.floor]
+        self.parts.append(norms)
+        self.size += len(norms)
+
+    def settle(self, keep: int) -> Array:
+        """The ``keep`` largest, ascending; all others are forgotten."""
+        norms = np.concatenate(self.parts)
+        self.parts.clear()
+        norms = norms[norms >= self.floor]
+        cut = len(norms) > keep
+        norms = np.sort(take_largest(norms, keep))
+        self.floor = float(norms[0]) if cut else self.floor
+        self.parts, self.size = [norms], len(norms)
+        return norms
 
 
 ShardSampler = Callable[[TrialsTask], Iterable[Shard]]  # shards that cover the range, in order; may raise Pending

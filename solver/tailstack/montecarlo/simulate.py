@@ -1,6 +1,6 @@
 """Plain Monte Carlo: many trials, reduced block by block in the order of their indices (:mod:`.shards`).
 
-Of each norm only the largest are kept: enough for the quantiles that will be asked for (:mod:`.tails`); ``deepen``
+Of each norm only the largest are kept: enough for the quantiles that will be asked for (``shards.Tail``); ``deepen``
 repeats a run when more are wanted.
 """
 
@@ -15,18 +15,18 @@ import numpy as np
 from ..errors import IllPosedError, OutOfRangeError, Problem
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
-from ..system import System
-from .plan import ChainPlan, compile_plan
+from .plan import ChainPlan
 from .shards import (
     BLOCK,
     REPROJECTION_TRIALS,
     Moments,
     ShardSampler,
+    Tail,
     TrialsTask,
     draw_shards,
     merge_moments,
+    tail_size,
 )
-from .tails import Tail, tail_size
 
 Progress = Callable[[int, int], None]
 
@@ -138,7 +138,7 @@ class Run:
                 tail = self._tails[k]
                 tail.add(norms, shard.floors[k])
                 if tail.size > keep + keep // 4 + BLOCK:
-                    tail.cut(keep)
+                    tail.settle(keep)
             if shard.reprojection is not None:
                 self._reprojections.append(shard.reprojection)
             if what.progress is not None:
@@ -174,25 +174,6 @@ class Run:
         reprojection = np.sort(np.concatenate(shots)[:REPROJECTION_TRIALS]) if shots else None
         lost = self._missed, self._unanswered
         return Samples(self.simulation, trials, tuple(errors), self._redone, reprojection, *lost)
-
-
-def simulate(
-    system: System | ChainPlan,
-    *,
-    trials: int,
-    seed: int,
-    quantile: float = 0.95,
-    threads: int | None = None,
-    reprojection: bool = False,
-    keep: int | None = None,
-) -> Samples:
-    """Run ``trials`` trials of the full nonlinear chain; the other arguments are fields of :class:`Simulation`.
-
-    Raises OutOfRangeError when a count is not positive.
-    """
-    plan = system if isinstance(system, ChainPlan) else compile_plan(system)
-    simulation = Simulation(plan, seed, quantile, reprojection=reprojection, threads=threads, keep=keep)
-    return Run(simulation).grow(trials)
 
 
 def deepen(samples: Samples, keep: int) -> Samples:

@@ -14,7 +14,8 @@ right; normals in pairs (an odd run drops the last half), of other laws one word
 
 log, sine and cosine are computed in lanes, without a maths library: polynomials of the usual kind (Cody-Waite
 reduction, the minimax coefficients of fdlibm), written with explicit fused multiply-adds: libm differs in its last
-digit between machines, these do not."""
+digit between machines, these do not.
+"""
 
 from __future__ import annotations
 
@@ -43,9 +44,9 @@ _MASK64 = (1 << 64) - 1
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
-_UNIT = np.uint64(0x3FF0000000000000)
-_B1, _B2, _B12, _B17, _B19, _B23, _B27, _B30, _B31, _B33, _B41, _B45, _B62 = (
-    np.uint64(k) for k in (1, 2, 12, 17, 19, 23, 27, 30, 31, 33, 41, 45, 62)
+_ONE = np.uint64(0x3FF0000000000000)  # pattern of 1.0
+_B1, _B12, _B17, _B19, _B23, _B27, _B30, _B31, _B41, _B45, _B52, _B62, _B63 = (
+    np.uint64(k) for k in (1, 12, 17, 19, 23, 27, 30, 31, 41, 45, 52, 62, 63)
 )
 _SIGN = np.uint64(1 << 63)
 _WIDTHS = 2.0 * np.array([PARTS[law] for law in SUMS])  # (laws, 2): whole widths of the parts
@@ -104,7 +105,7 @@ def next_word(s0, s1, s2, s3):
 @lane_jit
 def one_to_two(word):
     """52 bits of the word as a double in [1, 2)."""
-    return as_lanes((word >> splat_bits(_B12)) | splat_bits(_UNIT))
+    return as_lanes((word >> splat_bits(_B12)) | splat_bits(_ONE))
 
 
 @lane_jit
@@ -156,18 +157,10 @@ def draw_columns(segments, keys, units, trials, z, out):
                 out[k, group + lane] = z[8 * k + lane]
 
 
-# mypy: ignore-errors
-
-
 _MANTISSA = np.uint64(0x000FFFFFFFFFFFFF)
-_ONE = np.uint64(0x3FF0000000000000)  # pattern of 1.0
-
 _TWO52 = np.uint64(0x4330000000000000)  # pattern of 2^52: integers below 2^52 or-ed in become exact doubles
 _EXPONENT_OFFSET = 2.0**52 + 1023.0
 _ROUNDER = 1.5 * 2.0**52  # adding and subtracting rounds to the nearest integer
-_52 = np.uint64(52)
-_62 = np.uint64(62)
-_63 = np.uint64(63)
 _LN2 = 0.6931471805599453
 _PIO2_HIGH = 1.5707963267341256  # first 33 bits of pi/2: multiples up to 2^20 are exact
 _PIO2_LOW = 6.077100506506192e-11
@@ -177,7 +170,7 @@ _PIO2_LOW = 6.077100506506192e-11
 def natural_log(x):
     """log of positive normal doubles; absolute error below 2e-15 on (0, 1]."""
     pattern = as_bits(x)
-    exponent = as_lanes((pattern >> splat_bits(_52)) | splat_bits(_TWO52)) - splat(_EXPONENT_OFFSET)
+    exponent = as_lanes((pattern >> splat_bits(_B52)) | splat_bits(_TWO52)) - splat(_EXPONENT_OFFSET)
     mantissa = as_lanes((pattern & splat_bits(_MANTISSA)) | splat_bits(_ONE))
     large = mantissa > splat(1.4142135623730951)
     mantissa = select(large, mantissa * splat(0.5), mantissa)
@@ -219,21 +212,10 @@ def sine_cosine(x):
     quarter = shifted - splat(_ROUNDER)
     sine, cosine = sine_cosine_small(fma(quarter, splat(-_PIO2_LOW), fma(quarter, splat(-_PIO2_HIGH), x)))
     turns = as_bits(shifted)  # its lowest bits count quarter turns
-    swapped = bits_set((turns << splat_bits(_63)) & splat_bits(np.uint64(1 << 63)))
-    half = (turns << splat_bits(_62)) & splat_bits(np.uint64(1 << 63))
-    quarter_bit = (turns << splat_bits(_63)) & splat_bits(np.uint64(1 << 63))
+    half = (turns << splat_bits(_B62)) & splat_bits(_SIGN)
+    quarter_bit = (turns << splat_bits(_B63)) & splat_bits(_SIGN)
+    swapped = bits_set(quarter_bit)
     sine_out = select(swapped, cosine, sine)
     cosine_out = select(swapped, sine, cosine)
     # quadrants 2, 3: sine negative; quadrants 1, 2: cosine negative
     return as_lanes(as_bits(sine_out) ^ half), as_lanes(as_bits(cosine_out) ^ half ^ quarter_bit)
-
-
-@lane_entry
-def tabulate(x, out):
-    """Apply the three functions to a padded array: rows of ``out`` are log, sin, cos.  For tests and tables."""
-    for i in range(0, x.size, 8):
-        value = load(x, i)
-        store(out, i, natural_log(value))
-        sine, cosine = sine_cosine(value)
-        store(out, x.size + i, sine)
-        store(out, 2 * x.size + i, cosine)
