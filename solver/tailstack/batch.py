@@ -317,16 +317,16 @@ class Batch:
             self.slots += [(column, slot) for slot in slots if slot is not None]
             if None in slots:
                 reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
-        if system.loss_probability:
-            reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
-        if not all(item.is_quantile for item in system.requirements) and not _ASK.isdisjoint(self.columns):
-            reasons.append("a requirement on what is no quantile is judged row by row")
-        if any(MEASURE[item.error].paired for item in system.requirements) and not _ASK.isdisjoint(self.columns):
-            reasons.append("a requirement on a corridor takes a sample of rays, row by row")
-        if any(MEASURE[item.error].side for item in system.requirements) and not _ASK.isdisjoint(self.columns):
-            reasons.append("a requirement on one side is judged row by row")
-        if any(target.two_shots for target in system.targets) and not _ASK.isdisjoint(self.columns):
-            reasons.append("a trajectory whose ends have a shot each is judged row by row")
+        judged, ended = ((), ()) if _ASK.isdisjoint(self.columns) else (system.requirements, system.targets)
+        measures = [MEASURE[item.error] for item in judged]
+        slower = (
+            (system.loss_probability, "fiducials that are missed make a law for each pattern of them, row by row"),
+            (not all(item.is_quantile for item in judged), "a requirement on what is no quantile is judged row by row"),
+            (any(each.paired for each in measures), "a requirement on a corridor takes a sample of rays, row by row"),
+            (any(each.side for each in measures), "a requirement on one side is judged row by row"),
+            (any(each.two_shots for each in ended), "a trajectory whose ends have a shot each is judged row by row"),
+        )
+        reasons += [reason for holds, reason in slower if holds]
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
@@ -339,7 +339,7 @@ class Batch:
             reasons.append(f"{', '.join(bounded)}: bounded, and the worst of all ends is searched for, row by row")
         if "verdict" in self.columns and system.requirements:
             reasons.append("a verdict takes how far first order can be trusted, row by row")
-        if any(item.risk != "pooled" for item in system.requirements) and not _ASK.isdisjoint(self.columns):
+        if any(item.risk != "pooled" for item in judged):
             reasons.append("a requirement on each installed unit takes a sample of units, row by row")
         if not reasons:
             self._loop = _RowLoop(self)
@@ -594,8 +594,8 @@ class _RowLoop:
 
 def _systems(system: System, numbers: Numbers) -> list[System]:
     """The system of each row."""
-    count = len(next(iter(numbers.values())))
-    return [put_numbers(system, {field: array[row] for field, array in numbers.items()}) for row in range(count)]
+    rows = zip(*numbers.values(), strict=True)
+    return [put_numbers(system, dict(zip(numbers, row, strict=True))) for row in rows]
 
 
 def _per_half_width(sources: Sources) -> Array:

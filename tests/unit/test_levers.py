@@ -10,8 +10,8 @@ import yaml
 
 from plain_data import DEMO, EXAMPLES
 from tailstack import load_design, optimise, score
+from tailstack.design_function import weigh_fiducials
 from tailstack.optimisation.levers import search_levers
-from tailstack.worth import weigh_fiducials
 
 SEATS = ("structure_connector", "connector_flange")
 LEAST = 0.01  # deg: of rotation_bounds in the demonstration

@@ -67,7 +67,7 @@ def _score(call: Call) -> Score:
     design = call.design
     found = score(design, **call.options.model_dump(exclude={"search", "fiducials"}))
     if call.options.fiducials:
-        from tailstack.worth import weigh_fiducials
+        from tailstack.design_function import weigh_fiducials
 
         found = replace(found, fiducials=weigh_fiducials(design, found))
     if not call.options.search:
