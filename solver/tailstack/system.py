@@ -373,22 +373,7 @@ class DirectEffect(Effect):
 
     @property
     def is_grouped(self) -> bool:
-        match self.place:
-            case Place.IMAGES | Place.BEADS:
-                return True
-            case (
-                Place.INTRINSICS
-                | Place.SHOT
-                | Place.SEAT
-                | Place.FLANGE
-                | Place.CONNECTOR
-                | Place.ARM
-                | Place.HAND_EYE
-                | Place.TOOL
-            ):
-                return False
-            case _:
-                assert_never(self.place)
+        return self.way is Way.IMAGES and self.place is not Place.INTRINSICS
 
     @property
     def way(self) -> Way:
