@@ -26,7 +26,7 @@ from ..system import ROTATIONS, TRANSLATIONS, Target
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, RigidBody, TargetDocument
 from .drawn import check_freed
 from .fiducial_files import FiducialList
-from .optimise_document import AddedView, FreeView
+from .optimise_document import AddedView, FreeView, Optimise
 from .presets import PRESETS
 from .reading import Limits
 
@@ -243,15 +243,13 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
         problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
-    return problems + _views(document) + _tolerances(document) + _mounts(document)
+    return problems + _views(document, wanted) + _tolerances(document, wanted) + _mounts(document, wanted)
 
 
-def _views(document: DesignDocument) -> list[Problem]:
+def _views(document: DesignDocument, wanted: Optimise) -> list[Problem]:
     """Views that may be aimed otherwise are aimed, each is named once, and their sources stay before the detector; the
     view that may be added has a name of its own, and the same holds of the one that it is a copy of."""
-    assert document.optimise is not None
-    views = {view.name: view for view in document.views}
-    entries = document.optimise.views or []
+    views, entries = {view.name: view for view in document.views}, wanted.views or []
     turned = {index: each.view for index, each in enumerate(entries) if isinstance(each, FreeView)}
     problems = find_duplicates(
         list(turned.values()), lambda index: f"/optimise/views/{list(turned)[index]}/view", "entries"
@@ -277,10 +275,9 @@ def _views(document: DesignDocument) -> list[Problem]:
     return problems
 
 
-def _tolerances(document: DesignDocument) -> list[Problem]:
-    assert document.optimise is not None
+def _tolerances(document: DesignDocument, wanted: Optimise) -> list[Problem]:
     problems = []
-    for index, free in enumerate(document.optimise.tolerances):
+    for index, free in enumerate(wanted.tolerances):
         interface: Interface | None = getattr(document.interfaces, free.interface)
         pointer = f"/optimise/tolerances/{index}"
         if interface is not None and interface.locators is not None:
@@ -288,7 +285,7 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             problems += find_unknown(f"{pointer}/component", "locator", free.component, names)
             continue
         if interface is not None and interface.features is not None:
-            problems += check_freed(interface.features, free, pointer, document.optimise.grade_prices)
+            problems += check_freed(interface.features, free, pointer, wanted.grade_prices)
             continue
         if free.also or any(grade.drawn_value is not None for grade in free.grades or ()):
             detail = f"{free.interface} has no features: values of a drawing say nothing of it"
@@ -304,18 +301,17 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             cure = f"add interfaces/{free.interface}/tolerances/{free.component}"
             problems.append(Problem(pointer, "unknown-name", detail, cure))
     for field, components in (("rotation_bounds", ROTATIONS), ("translation_bounds", TRANSLATIONS)):
-        if getattr(document.optimise, field) is not None and not list_declared(document, components):
+        if getattr(wanted, field) is not None and not list_declared(document, components):
             detail = f"neither interface declares a {field.partition('_')[0]}al tolerance that is independent of others"
             cure = f"declare {', '.join(components[:-1])} or {components[-1]} under interfaces/.../tolerances"
             problems.append(Problem(f"/optimise/{field}", "nothing-free", detail, cure))
     return problems
 
 
-def _mounts(document: DesignDocument) -> list[Problem]:
+def _mounts(document: DesignDocument, wanted: Optimise) -> list[Problem]:
     """Pivots of seats with tolerances may move."""
-    assert document.optimise is not None
     problems = []
-    for index, pivot in enumerate(document.optimise.pivots):
+    for index, pivot in enumerate(wanted.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
         if interface is None or interface.is_held:
             why = "is held by its contacts: its pivot only reduces them"
@@ -350,13 +346,11 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
         problems += find_unknown(pointer, "fiducial", label, labels)
     if problems:
         return problems
-    return _groups(document, labels) + _counts(document, len(labels))
+    return _groups(wanted, labels) + _counts(document, wanted, len(labels))
 
 
-def _groups(document: DesignDocument, labels: tuple[str, ...]) -> list[Problem]:
+def _groups(wanted: Optimise, labels: tuple[str, ...]) -> list[Problem]:
     """Under a symmetry the free fiducials of each region must make whole groups."""
-    wanted = document.optimise
-    assert wanted is not None
     if wanted.symmetry is None:
         return []
     size = 2 if wanted.symmetry.mirror is not None else wanted.symmetry.rotation.order  # type: ignore[union-attr]
@@ -369,9 +363,7 @@ def _groups(document: DesignDocument, labels: tuple[str, ...]) -> list[Problem]:
     return [Problem(pointer, "incomplete-group", f"{count} {what}", "fix some, or add some") for pointer, count in odd]
 
 
-def _counts(document: DesignDocument, present: int) -> list[Problem]:
-    wanted = document.optimise
-    assert wanted is not None
+def _counts(document: DesignDocument, wanted: Optimise, present: int) -> list[Problem]:
     if wanted.survive is not None:
         seen = [len(view.sees) for view in document.views if view.sees is not None]
         least = min([present if wanted.count is None else wanted.count.min, *seen])

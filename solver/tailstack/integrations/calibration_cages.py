@@ -58,22 +58,12 @@ def _read_scales(header: str, name: str) -> tuple[float, float, float]:
     if all(
         re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", cell) for cell in re.split(r"[,;\t ]+", header.strip())
     ):
-        raise refuse(
-            name,
-            1,
-            "cage-header",
-            f"XMALab does not read the first line, and here it is a bead: {show(header)}",
-            "put a line like x,y,z above it",
-        )
+        detail = f"XMALab does not read the first line, and here it is a bead: {show(header)}"
+        raise refuse(name, 1, "cage-header", detail, "put a line like x,y,z above it")
     matches = [_SCALE.fullmatch(cell) for cell in cells[:3]]
     if len(cells) == 3 and all(matches):
-        raise refuse(
-            name,
-            1,
-            "cage-header",
-            f"XMALab multiplies only when a fourth field follows; got {show(header)}",
-            f"write {header.strip()},black to multiply, or x,y,z not to",
-        )
+        detail = f"XMALab multiplies only when a fourth field follows; got {show(header)}"
+        raise refuse(name, 1, "cage-header", detail, f"write {header.strip()},black to multiply, or x,y,z not to")
     if len(cells) < 4 or not all(matches):
         return 1.0, 1.0, 1.0
     x, y, z = (float(scale[1]) for scale in matches if scale)
@@ -83,13 +73,9 @@ def _read_scales(header: str, name: str) -> tuple[float, float, float]:
 def _read_bead(line: str, name: str, number: int, scales: tuple[float, float, float]) -> tuple[str, list[float]]:
     cells = line.split(",")  # as XMALab does, in quotes too
     if len(cells) not in (3, 4) or any(re.search(r"\S[;\s]+\S", cell) for cell in cells[:3]):
-        raise refuse(
-            name,
-            number,
-            "cage-row",
-            f"a bead is x,y,z, or x,y,z,name, with commas between; got {show(line)}",
-            "save it with commas between the cells, not semicolons, tabs or spaces, and with points in the decimals",
-        )
+        detail = f"a bead is x,y,z, or x,y,z,name, with commas between; got {show(line)}"
+        hint = "save it with commas between the cells, not semicolons, tabs or spaces, and with points in the decimals"
+        raise refuse(name, number, "cage-row", detail, hint)
     xyz = [read_number(cell, name, number, axis) for axis, cell in zip("xyz", cells, strict=False)]
     label = cells[3].strip() if len(cells) == 4 else ""
     return label, [scale * value for scale, value in zip(scales, xyz, strict=True)]
@@ -103,13 +89,9 @@ def read_references(content: bytes, name: str, beads: int) -> dict[int, str]:
             continue
         match = re.fullmatch(r"\s*([0-9]+)[ \t]+(.*\S)\s*", line)
         if match is None or not _SHAPE.fullmatch(match[2]):
-            raise refuse(
-                name,
-                number,
-                "reference-row",
-                f"a reference is the number of a bead, a space, and a name of at most 20 letters; got {show(line)}",
-                "write it like: 1 circle. XMALab passes over a line with a comma, and crashes when it calibrates",
-            )
+            detail = f"a reference is the number of a bead, a space, and a name of at most 20 letters; got {show(line)}"
+            hint = "write it like: 1 circle. XMALab passes over a line with a comma, and crashes when it calibrates"
+            raise refuse(name, number, "reference-row", detail, hint)
         bead = int(match[1])
         if not 1 <= bead <= beads or bead in shapes:
             problem = "is marked twice" if bead in shapes else f"is none of the {beads} in the frame specification"
