@@ -20,7 +20,7 @@ from tailstack import load_design, score, verify
 from tailstack.design import compile_design
 from tailstack.levels import Drawn
 from tailstack.measures.measure import MeasuredBody
-from tailstack.measures.rigid_body import fit_turn, turn_weights
+from tailstack.measures.rigid_fit import fit_turn, turn_weights
 from tailstack.montecarlo.chain import draw, evaluate, measure_errors, run_indices
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise, models_of

@@ -20,7 +20,7 @@ from ..fields import INTERFACES, Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import RotationForm
 from ..measures.measure import Channel
-from ..measures.rigid_body import condition_number, spread_of
+from ..measures.rigid_fit import condition_number, spread_of
 from ..results import Vector3
 from ..system import ROTATIONS, TRANSLATIONS, Target
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, RigidBody, TargetDocument

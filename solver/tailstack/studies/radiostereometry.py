@@ -24,7 +24,7 @@ from ..geometry.arrays import Array
 from ..levels import Drawn
 from ..measures import MEASURE
 from ..measures.measure import MeasuredBody, Site
-from ..measures.rigid_body import (
+from ..measures.rigid_fit import (
     BodyFit,
     condition_number,
     cross_matrices,
