@@ -34,6 +34,7 @@ def test_help_names_every_verb(call: Any) -> None:
     code, out, _ = call("--help")
     assert code == 0
     assert all(f"    {verb} " in out for verb in verbs())
+    assert "Which view buys most: every aimed view turned" in " ".join(call("study", "views", "--help")[1].split())
     assert f"(default {urlsplit(DEFAULT_URL).port})" in " ".join(call("serve", "--help")[1].split())
 
 

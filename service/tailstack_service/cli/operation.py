@@ -37,7 +37,7 @@ def _add_operation(parsers: Parsers, name: str, operation: Operation) -> None:
     parser = parsers.add_parser(
         name,
         help=operation.summary[0].lower() + operation.summary[1:],
-        description=sys.modules[(operation.command or operation).run.__module__].__doc__,
+        description=sys.modules[operation.options.__module__].__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from ..console.answer import FAIL, PASS
 from ..console.flags import Flag
-from .operation import Call, LateImport, Operation
+from .operation import LateImport, Operation, run_function
 from .options import Options
-
-if TYPE_CHECKING:
-    from tailstack.optimisation.half_widths import Allocation
 
 LOCK = Flag(
     "a half-width that stays: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR; may be repeated",
@@ -31,12 +28,6 @@ class AllocationOptions(Options):
     """Half-widths that stay as they are: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR."""
 
 
-def _allocate(call: Call) -> Allocation:
-    from tailstack import allocate
-
-    return allocate(call.design, **call.options.model_dump())
-
-
 OPERATION = Operation(
     name="allocation",
     verb="allocate",
@@ -50,7 +41,7 @@ OPERATION = Operation(
     options=AllocationOptions,
     example={"limit": 0.9, "locked": ["structure_connector.rx"]},
     record=LateImport("tailstack.optimisation.half_widths", "Allocation").load,
-    run=_allocate,
+    run=run_function(LateImport("tailstack", "allocate")),
     immediate=True,
     document=LateImport("..report.chapters.allocation", "allocation_document"),
     exit_code=lambda record: PASS if record.status == "kept" else FAIL,

@@ -42,6 +42,10 @@ class Call:
         (design,) = self.designs
         return design
 
+    def arguments(self) -> dict[str, Any]:
+        """The options by their names; what is absent is left to a function's own defaults."""
+        return dict(self.options.model_dump(exclude_none=True))
+
 
 # --- over HTTP: answered at once, or a job -------------------------------------------------------------
 
@@ -163,8 +167,16 @@ class LateImport:
         """The function or the class itself."""
         return getattr(import_module(self.module, __package__), self.name)
 
-    def __call__(self, *arguments: Any) -> Any:
-        return self.load()(*arguments)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self.load()(*arguments, **named)
+
+
+def run_function(
+    function: LateImport, *passed: str, arguments: Callable[[Call], dict[str, Any]] = Call.arguments
+) -> Callable[[Call], Any]:
+    """What an operation does that is one function of its designs and options; ``passed``: what of the call it takes,
+    too."""
+    return lambda call: function(*call.designs, **arguments(call), **{name: getattr(call, name) for name in passed})
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from shlex import quote
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -23,7 +23,7 @@ from ..console.flags import Flag, add_flags
 from ..console.parser import program
 from ..console.progress import Progress
 from ..documents import to_json
-from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition
+from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition, run_function
 from .options import Count, Options, Seed, within
 
 if TYPE_CHECKING:
@@ -52,18 +52,8 @@ class OptimisationOptions(Options):
     """No more starts once the best is that near, relative, to what no layout undercuts; absent: all."""
 
 
-def _optimise(call: Call) -> Optimisation:
-    from tailstack.optimisation import optimise
-
-    progress = None if call.progress is None else _share(call.progress)
-    return optimise(
-        call.design,
-        seed=call.options.seed,
-        starts=call.options.starts,
-        gap=call.options.gap,
-        progress=progress,
-        threads=call.threads,
-    )
+def _arguments(call: Call) -> dict[str, Any]:
+    return call.arguments() | {"progress": None if call.progress is None else _share(call.progress)}
 
 
 def _share(progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
@@ -101,7 +91,7 @@ def _repeat(again: Repetition) -> Again:
     record: Optimisation = again.record
     proof, (new, before) = record.certificate, again.designs
     if not again.fast:
-        return Again(_optimise(Call((before,), OptimisationOptions.of_record(proof))))
+        return Again(OPERATION.run(Call((before,), OptimisationOptions.of_record(proof))))
     from tailstack.verification import prepare
 
     first = prepare(new, sampled=False).first_order_mm
@@ -174,14 +164,8 @@ def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -
     refuse_unasked_points(files, moves_fiducials=bool(wanted.box or wanted.region or wanted.regions))
     with Progress("optimise") as progress, stopped_by_signals() as stop:
         try:
-            result = optimise(
-                design,
-                seed=options.seed,
-                starts=options.starts,
-                gap=options.gap,
-                progress=reporter(progress, wanted.goal),
-                stop=stop.ask,
-            )
+            told = reporter(progress, wanted.goal)
+            result = optimise(design, **options.model_dump(), progress=told, stop=stop.ask)
             stop.ask()  # a second signal may have come since the last poll
         except NotConvergedError as error:
             if error.problems[0].code != "stopped":
@@ -262,7 +246,7 @@ OPERATION = Operation(
     options=OptimisationOptions,
     example={"starts": 2, "seed": 1},
     record=lambda: Optimisation,
-    run=_optimise,
+    run=run_function(LateImport("tailstack", "optimise"), "threads", arguments=_arguments),
     cut=True,
     check=_check,
     document=LateImport("..report.chapters.optimisation", "optimisation_document"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -94,13 +95,7 @@ def parts_of(record: Report) -> Parts:
     """The options that a report was made with."""
     from ..report.assembling import options_of
 
-    made = record.reproduction
-    return options_of(
-        {
-            name: getattr(made, name)
-            for name in ("parts", "seed", "trials", "precision", "max_trials", "starts", "profile")
-        }
-    )
+    return options_of(asdict(record.reproduction))
 
 
 def _repeat(again: Repetition) -> Again:

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from .operation import Call, Csv, LateImport, Operation
+from .operation import Csv, LateImport, Operation, run_function
 from .options import Options
-
-if TYPE_CHECKING:
-    from ..report.chapters.supplier import Sheet
 
 
 class SheetOptions(Options):
     """None."""
-
-
-def _draw_up(call: Call) -> Sheet:
-    from ..report.chapters.supplier import draw_up_sheet
-
-    return draw_up_sheet(call.design)
 
 
 OPERATION = Operation(
@@ -31,7 +20,7 @@ OPERATION = Operation(
     title="sheet for the supplier: beads and seats with their tolerances as drawn",
     options=SheetOptions,
     record=LateImport("..report.chapters.supplier", "Sheet").load,
-    run=_draw_up,
+    run=run_function(LateImport("..report.chapters.supplier", "draw_up_sheet")),
     immediate=True,
     document=LateImport("..report.chapters.supplier", "sheet_document"),
     csv=Csv("bead", LateImport("..report.chapters.supplier", "sheet_csv")),

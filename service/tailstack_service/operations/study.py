@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .operation import Call, FigureFile, LateImport, Operation
-from .options import Options, refuse_unknown_target, within
+from .operation import Call, FigureFile, LateImport, Operation, run_function
+from .options import refuse_unknown_target, within
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -21,25 +21,15 @@ def refuse_undetermined(request: Request) -> None:
     refuse_unknown_target(getattr(request.options, "target", None), [each.name for each in system.targets], "/target")
 
 
-def list_arguments(call: Call) -> dict[str, Any]:
-    """The options by their names; what is absent is left to the function's own defaults."""
-    return dict(call.options.model_dump(exclude_none=True))
-
-
 def study_operation(
     name: str,
     *,
-    options: type[Options],
-    example: Mapping[str, Any],
-    summary: str,
-    description: str,
-    title: str,
     verb: str = "",
     module: str = "",
     figure: str = "",
     threads: bool = True,
     check: Callable[[Request], None] = refuse_undetermined,
-    arguments: Callable[[Call], dict[str, Any]] = list_arguments,
+    arguments: Callable[[Call], dict[str, Any]] = Call.arguments,
     **more: Any,
 ) -> Operation:
     """The operation of the study of this name.
@@ -52,11 +42,7 @@ def study_operation(
     """
     module, verb = module or name, verb or name
     solver, report = f"tailstack.studies.{module}", f"..report.studies.{module.partition('.')[0]}"
-    compute = LateImport(solver, f"study_{name}")
-
-    def run(call: Call) -> Any:
-        told = arguments(call) | ({"threads": call.threads} if threads else {})
-        return compute.load()(call.design, **told, progress=call.progress)
+    passed = ("threads", "progress") if threads else ("progress",)
 
     def check_request(request: Request, settings: Settings) -> None:
         within(getattr(request.options, "trials", None), "max_trials", settings, "/trials")
@@ -67,13 +53,8 @@ def study_operation(
         name=f"study-{name}",
         verb=f"study {verb}",
         path=f"/v1/studies/{verb}",
-        summary=summary,
-        description=description,
-        title=title,
-        options=options,
-        example=example,
         record=LateImport(solver, f"Study{name.title()}").load,
-        run=run,
+        run=run_function(LateImport(solver, f"study_{name}"), *passed, arguments=arguments),
         check=check_request,
         document=LateImport(report, f"{name}_document"),
         threads=threads,

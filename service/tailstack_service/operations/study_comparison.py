@@ -21,7 +21,7 @@ from ..console.answer import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
 from .operation import Call
 from .options import Options, Seed
-from .study import list_arguments, refuse_undetermined, study_operation
+from .study import refuse_undetermined, study_operation
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -68,7 +68,7 @@ def _read(design: Design, content: Path | bytes, name: str | None = None) -> Mea
 
 
 def _arguments(call: Call) -> dict[str, Any]:
-    told = list_arguments(call)
+    told = call.arguments()
     name, sent = told.pop("name"), told["measurements"]
     if call.typed:
         return {**told, "measurements": _read(call.design, Path(sent))}

@@ -16,7 +16,7 @@ from tailstack.measures import PointError
 from ..console.flags import Flag
 from .operation import Call, Demand
 from .options import Options, Seed
-from .study import list_arguments, study_operation
+from .study import study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case
 
@@ -71,7 +71,7 @@ class CouplingOptions(Options):
 
 
 def _arguments(call: Call) -> dict[str, Any]:
-    told = list_arguments(call)
+    told = call.arguments()
     if "levels" in told:
         told["levels"] = [tuple(level.values()) for level in told["levels"]]
     return told

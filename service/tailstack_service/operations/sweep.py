@@ -21,11 +21,12 @@ from ..console.answer import exit_code_of_points
 from ..console.flags import Flag
 from ..environment import variable
 from ..problems import RequestError
-from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation
+from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation, run_function
 from .options import Count, MostTrials, Options, Seed, within_trials
 
 if TYPE_CHECKING:
     from tailstack.design import Design
+    from tailstack.sweeping import VariedNumber
 
     from ..settings import Settings
     from .request import Request
@@ -119,20 +120,11 @@ class SweepOptions(Options):
         return {**options, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in options["axes"]]}
 
 
-def _sweep(call: Call) -> Sweep:
-    from tailstack.sweeping import read_axes, sweep
+def _read_axes(asked: Call | Request) -> tuple[VariedNumber, ...]:
+    """Raises SweepError with the pointer to the axis."""
+    from tailstack.sweeping import read_axes
 
-    options = call.options
-    axes = read_axes(call.design, options.keep(call.design)["axes"])
-    return sweep(
-        call.design,
-        axes,
-        check=options.check,
-        trials=options.trials,
-        seed=options.seed,
-        max_trials=options.max_trials,
-        progress=call.progress,
-    )
+    return read_axes(asked.design, asked.options.keep(asked.design)["axes"])
 
 
 def _check(request: Request, settings: Settings) -> None:
@@ -141,7 +133,6 @@ def _check(request: Request, settings: Settings) -> None:
     Raises SweepError with the pointer to the axis, LimitError, RefusedAt.
     """
     from tailstack.design import check_design
-    from tailstack.sweeping import read_axes
 
     axes = request.options.axes
     if request.options.check == "verification":
@@ -152,7 +143,7 @@ def _check(request: Request, settings: Settings) -> None:
         detail = f"at most {settings.max_sweep_points} points are computed in one sweep; got {sizes} = {points}"
         hint = f"take fewer values, or start the service with a higher {variable('max_sweep_points')}"
         raise LimitError(Problem("/axes", "too-many", detail, hint))
-    read_axes(request.design, request.options.keep(request.design)["axes"])
+    _read_axes(request)
     request.refuse_by(check_design)
 
 
@@ -173,11 +164,9 @@ def _demand(record: Sweep) -> Demand:
 
 def _check_drawable(call: Call) -> None:
     """Raises RequestError."""
-    from tailstack.sweeping import read_axes
-
     from ..report.charts import refuse_undrawable
 
-    refuse_undrawable([axis.values for axis in read_axes(call.design, call.options.keep(call.design)["axes"])])
+    refuse_undrawable([axis.values for axis in _read_axes(call)])
 
 
 OPERATION = Operation(
@@ -193,7 +182,11 @@ OPERATION = Operation(
         "check": "score",
     },
     record=lambda: Sweep,
-    run=_sweep,
+    run=run_function(
+        LateImport("tailstack", "sweep"),
+        "progress",
+        arguments=lambda call: call.arguments() | {"axes": _read_axes(call)},
+    ),
     cut=True,
     check=_check,
     document=LateImport("..report.chapters.sweep", "sweep_document"),

@@ -9,7 +9,7 @@ from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
 from ..console.answer import exit_code_of
-from .operation import Again, Call, Demand, LateImport, Operation, Repetition
+from .operation import Again, Call, Demand, LateImport, Operation, Repetition, run_function
 from .options import CheckOptions, within, within_trials
 
 if TYPE_CHECKING:
@@ -28,22 +28,6 @@ class VerificationOptions(CheckOptions):
         asked = record.precision_requested
         trials = record.trials if asked is None else None
         return super().of_record(record, trials=trials, precision=asked, max_trials=record.max_trials or MAX_TRIALS)
-
-
-def _verify(call: Call) -> Verification:
-    from tailstack.verification import verify
-
-    options = call.options
-    return verify(
-        call.design,
-        trials=options.trials,
-        precision=options.precision,
-        seed=options.seed,
-        method=options.method,
-        max_trials=options.max_trials,
-        threads=call.threads,
-        progress=call.progress,
-    )
 
 
 def _check(request: Request, settings: Settings) -> None:
@@ -74,7 +58,7 @@ def _repeat(again: Repetition) -> Again:
         targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
         return Again(replace(record, targets=targets), "the Monte Carlo check")
     options = VerificationOptions.of_record(record)
-    return Again(_verify(Call(again.designs, options, progress=again.progress)))
+    return Again(OPERATION.run(Call(again.designs, options, progress=again.progress)))
 
 
 OPERATION = Operation(
@@ -88,7 +72,7 @@ OPERATION = Operation(
     options=VerificationOptions,
     example={"precision": 0.01, "seed": 7, "method": "plain"},
     record=lambda: Verification,
-    run=_verify,
+    run=run_function(LateImport("tailstack.verification", "verify"), "threads", "progress"),
     cut=True,
     check=_check,
     document=LateImport("..report.chapters.verification", "verification_document"),

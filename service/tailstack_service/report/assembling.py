@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -176,13 +176,8 @@ def drawing_options(options: ReportContents) -> str:
 
 def options_of(request: dict[str, Any]) -> ReportContents:
     """The options of a job's request, or of the reproduction of a record."""
-    return ReportContents(
-        parts=tuple(request.get("parts") or DEFAULT_PARTS),
-        trials=request.get("trials"),
-        precision=request.get("precision"),
-        seed=request.get("seed") or 0,
-        max_trials=request.get("max_trials") or MAX_TRIALS,
-        starts=request.get("starts"),
-        profile=request.get("profile"),
-        names=None if request.get("names") is None else (request["names"][0], request["names"][1]),
-    )
+    stated: dict[str, Any] = {
+        field.name: request[field.name] for field in fields(ReportContents) if request.get(field.name) is not None
+    }
+    lists = {name: tuple(value) for name, value in stated.items() if isinstance(value, list)}
+    return ReportContents(**(stated | lists))
