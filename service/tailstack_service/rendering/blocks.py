@@ -133,9 +133,9 @@ class Document:
     status: str  # one or two words for the badge
     sentence: str
     numbers: tuple[KeyNumber, ...]
-    matters: tuple[str, ...]
     sections: tuple[Section, ...]
     provenance: Facts
+    matters: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = field(default=())  # on the first page
     requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
     # What a terminal has beside the sections: the question below the design's name, by which method, what decides,

@@ -7,12 +7,12 @@ from tailstack.results.digits import at_least, at_most, percent
 from tailstack.results.optimisation import changes_table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Listing, Paragraph, Section
-from .tables import closing_sections, provenance_facts
+from .tables import compose_document
 
 
 def allocation_document(allocation: Allocation, sha256: str) -> Document:
     """What it costs to keep the limit, with which half-widths, and how low the limit could be."""
-    made, kept, unit = allocation.provenance, allocation.status == "kept", allocation.unit
+    kept, unit = allocation.status == "kept", allocation.unit
     holder = allocation.held_label or allocation.held_by
     least = f"{at_least(allocation.least)} {unit}"
     held = f"with every free half-width at its least it comes to {least}, of which {holder} has "
@@ -27,9 +27,16 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
     locks = "".join(f" --lock {name}" for name in allocation.locked)
     asked = f"--requirement '{allocation.requirement}' --limit {allocation.limit!r}{locks}"
     matters = (f"A lower limit can be kept down to {least}: {held}.",) if kept else ()
-    return Document(
+    return compose_document(
+        allocation,
+        sha256,
+        (
+            Section("Half-widths", (changes_table(allocation.tolerances),)),
+            Section("What binds", (Bullets(allocation.binding or ("Nothing: every half-width is at its largest.",)),)),
+        ),
+        Listing(f"tailstack allocate design.yaml {asked} --json"),
+        Paragraph("With the design of the hash named above."),
         kind="Allocation",
-        title=made.design_name,
         tone="pass" if kept else "fail",
         status=allocation.status,
         sentence=sentence,
@@ -39,17 +46,6 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
             KeyNumber("At the least", least, holder),
         ),
         matters=matters,
-        sections=(
-            Section("Half-widths", (changes_table(allocation.tolerances),)),
-            Section("What binds", (Bullets(allocation.binding or ("Nothing: every half-width is at its largest.",)),)),
-            *closing_sections(
-                made,
-                Listing(f"tailstack allocate design.yaml {asked} --json"),
-                Paragraph("With the design of the hash named above."),
-            ),
-        ),
-        provenance=provenance_facts(made, sha256, allocation.schema),
-        made=made,
         question="The cheapest half-widths within the limits, layout and views as they are; by estimate.",
         method="first order with the exact law",
         opening=(sentence, *matters),

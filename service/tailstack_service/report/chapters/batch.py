@@ -9,7 +9,7 @@ from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
-from .tables import closing_sections, provenance_facts
+from .tables import compose_document
 
 SHOWN = 40  # rows in a terminal
 
@@ -30,15 +30,10 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
     given = ", ".join(f"{name}: {pointer}" for name, pointer in record.pointers.items())
     ways = ", ".join(f"{count:,} {way}" for way, count in record.ways.items() if count)
     how = f"Rows were computed {ways}" + (f": {record.why}." if record.why else ".")
-    return Document(
-        kind="Table of designs",
-        title=record.provenance.design_name,
-        tone="neutral",
-        status="table",
-        sentence=sentence,
-        numbers=tuple(numbers),
-        matters=matters,
-        sections=(
+    return compose_document(
+        record,
+        sha256,
+        (
             Section(
                 "Designs",
                 (
@@ -48,10 +43,12 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
                 ),
             ),
             Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
-            *closing_sections(record.provenance),
         ),
-        provenance=provenance_facts(record.provenance, sha256, record.schema),
-        made=record.provenance,
+        kind="Table of designs",
+        status="table",
+        sentence=sentence,
+        numbers=tuple(numbers),
+        matters=matters,
         question=f"{record.rows:,} designs of a table, each estimated.",
         method="first order",
     )

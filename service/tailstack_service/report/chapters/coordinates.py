@@ -11,7 +11,7 @@ from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
-from .tables import closing_sections, provenance_facts
+from .tables import compose_document
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]
@@ -82,7 +82,6 @@ class Layout(Published):
 
 def layout_document(layout: Layout, sha256: str) -> Document:
     """Where every fiducial and target is imaged, view by view; no picture, which is made of the design."""
-    made = layout.provenance
     outside = [
         f"{point.label} in {view.view}"
         for view in layout.views
@@ -90,10 +89,16 @@ def layout_document(layout: Layout, sha256: str) -> Document:
         if point.used and not point.inside
     ]
     sentence = f"Outside the image: {', '.join(outside)}." if outside else "Every fiducial and target is in its images."
-    return Document(
+    return compose_document(
+        layout,
+        sha256,
+        (
+            Section("In space", (_places_table(layout),), on=PAPER),
+            Section("In the images", tuple(map(_image_table, layout.views))),
+        ),
+        Listing("tailstack layout design.yaml --json"),
+        Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
         kind="Layout",
-        title=made.design_name,
-        tone="neutral",
         status="layout",
         sentence=sentence,
         numbers=(
@@ -101,18 +106,6 @@ def layout_document(layout: Layout, sha256: str) -> Document:
             KeyNumber("Targets", str(len(layout.targets))),
             KeyNumber("Outside an image", str(len(outside))),
         ),
-        matters=(),
-        sections=(
-            Section("In space", (_places_table(layout),), on=PAPER),
-            Section("In the images", tuple(map(_image_table, layout.views))),
-            *closing_sections(
-                made,
-                Listing("tailstack layout design.yaml --json"),
-                Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
-            ),
-        ),
-        provenance=provenance_facts(made, sha256, layout.schema),
-        made=made,
         question="Where everything is imaged: without noise, as the structure sits with its known bias.",
         method="pinhole images",
         opening=(sentence,),

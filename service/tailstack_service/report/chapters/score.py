@@ -68,7 +68,7 @@ from ..dots import dots_blocks
 from ..headline import headline_of
 from ..live_budget import live_budget
 from ..records import Allowance, Headline
-from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
+from .tables import budget_with_slack, compose_document, verdict_blocks
 
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
@@ -81,17 +81,10 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
     """
     headline = headline_of(score, None)
     chosen = score.worst_target if target is None else next(each for each in score.targets if each.name == target)
-    return Document(
-        kind="Estimated error",
-        title=score.provenance.design_name,
-        tone=tone_of(headline.status),
-        status=headline.status,
-        sentence=headline.sentence,
-        numbers=(*key_numbers(headline, score.decimals), units_number(score, headline.target)),
-        matters=headline.matters,
-        figures=(headline_figure(headline, score.targets, score.decimals),),
-        requirements=requirements_table(score.verdict),
-        sections=(
+    return compose_document(
+        score,
+        sha256,
+        (
             Section("Error and requirements", error_blocks(score)),
             Section("Budget", (group(*budget_blocks(score), on=PAPER), _chosen_budget(score, chosen))),
             Section("What each lever can reach", levers_blocks(score)),
@@ -101,14 +94,17 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("Between targets", covariance_blocks(score)),
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
-            *closing_sections(
-                score.provenance,
-                Listing("tailstack score design.yaml --json"),
-                Paragraph("With the design of the hash named above."),
-            ),
         ),
-        provenance=provenance_facts(score.provenance, sha256, score.schema),
-        made=score.provenance,
+        Listing("tailstack score design.yaml --json"),
+        Paragraph("With the design of the hash named above."),
+        kind="Estimated error",
+        tone=tone_of(headline.status),
+        status=headline.status,
+        sentence=headline.sentence,
+        numbers=(*key_numbers(headline, score.decimals), units_number(score, headline.target)),
+        matters=headline.matters,
+        figures=(headline_figure(headline, score.targets, score.decimals),),
+        requirements=requirements_table(score.verdict),
         question="Estimate of the error; `tailstack verify` checks it by simulation.",
         method="first order",
         opening=(decision_sentence(score.verdict) or headline.sentence, *_margin(score)),

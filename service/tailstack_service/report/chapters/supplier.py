@@ -179,7 +179,6 @@ def sheet_document(sheet: Sheet, sha256: str) -> Document:
         status="as drawn",
         sentence=sheet.datum,
         numbers=tuple(_numbers(sheet)),
-        matters=(),
         figures=(Figure("dimensions", svg, caption),),
         sections=tuple(sections),
         provenance=Facts(

@@ -13,7 +13,7 @@ from ...problems import RequestError
 from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ...rendering.tables import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
-from .tables import closing_sections, provenance_facts
+from .tables import compose_document
 
 EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
@@ -36,16 +36,10 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     how = "by estimate" if scored else "by Monte Carlo"
     listed = Bullets(tuple(f"{_place(sweep, point.values)}: {point.reason}" for point in refused[:20]))
     axes = ", ".join(f"{axis.label} ({len(axis.values)} values)" for axis in sweep.axes)
-    return Document(
-        kind="Sweep",
-        title=sweep.provenance.design_name,
-        tone="neutral",
-        status="sweep",
-        sentence=sentence,
-        numbers=tuple(numbers),
-        matters=(*verdict_sentences, *_matters(sweep)),
-        figures=_figure(sweep) if evaluated else (),
-        sections=(
+    return compose_document(
+        sweep,
+        sha256,
+        (
             Section(
                 "Points",
                 (
@@ -57,10 +51,15 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
                 ),
             ),
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
-            *closing_sections(sweep.provenance, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
         ),
-        provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
-        made=sweep.provenance,
+        Listing(_command(sweep)),
+        Paragraph(REPRODUCTION),
+        kind="Sweep",
+        status="sweep",
+        sentence=sentence,
+        numbers=tuple(numbers),
+        matters=(*verdict_sentences, *_matters(sweep)),
+        figures=_figure(sweep) if evaluated else (),
         question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
         method="first order" if scored else "Monte Carlo",
         opening=(" ".join((sentence, *verdict_sentences)),),

@@ -11,7 +11,7 @@ from tailstack.results.score import BudgetLine, budget_table
 from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
-from ...rendering.blocks import Block, Bullets, Facts, Section
+from ...rendering.blocks import Block, Bullets, Document, Facts, Section
 
 if TYPE_CHECKING:
     from ...gate.records import GateProvenance
@@ -48,6 +48,20 @@ def budget_with_slack(target: TargetScore, name: str, allowances: Sequence[Allow
     with_cost = any(entry.cost is not None for entry in known.values())
     cost = (Column("Cost", "", "significant", 4, of=of_own("cost")),) if with_cost else ()
     return budget_table(target, decimals, name, (*columns, *cost), SLACK_NOTE + (COST_NOTE if with_cost else ""))
+
+
+def compose_document(
+    record: Any, sha256: str, sections: Sequence[Section], *reproduction: Block, design: Any = None, **own: Any
+) -> Document:
+    """The document of a record of one design: its sections, and what every report ends with.
+
+    sha256: of the record.  reproduction: how to have it again.  design: its document, where the record holds it.  own:
+    further fields of the document, before what the record gives.
+    """
+    made: Provenance = record.provenance
+    facts = provenance_facts(made, sha256, record.schema)
+    known: dict[str, Any] = {"title": made.design_name, "tone": "neutral", "provenance": facts, "made": made}
+    return Document(sections=(*sections, *closing_sections(made, *reproduction, design=design)), **(known | own))
 
 
 def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: str = "design") -> Facts:

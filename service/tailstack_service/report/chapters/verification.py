@@ -25,7 +25,7 @@ from ...rendering.blocks import (
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers, measures_blocks
-from .tables import closing_sections, provenance_facts, verdict_blocks
+from .tables import compose_document, verdict_blocks
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
@@ -36,17 +36,10 @@ def verification_document(check: Verification, sha256: str) -> Document:
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
         KeyNumber("Estimate / simulation", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
     ]
-    return Document(
-        kind="Monte Carlo check",
-        title=check.provenance.design_name,
-        tone=tone_of(check.verdict.status),
-        status=check.verdict.status,
-        sentence=headline.sentence,
-        numbers=tuple(numbers),
-        matters=(),
-        figures=(headline_figure(headline, check.targets, decimals),),
-        requirements=requirements_table(check.verdict),
-        sections=(
+    return compose_document(
+        check,
+        sha256,
+        (
             Section(
                 "Error and requirements",
                 (
@@ -57,10 +50,15 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 ),
             ),
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
-            *closing_sections(check.provenance, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")),
         ),
-        provenance=provenance_facts(check.provenance, sha256, check.schema),
-        made=check.provenance,
+        Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),
+        kind="Monte Carlo check",
+        tone=tone_of(check.verdict.status),
+        status=check.verdict.status,
+        sentence=headline.sentence,
+        numbers=tuple(numbers),
+        figures=(headline_figure(headline, check.targets, decimals),),
+        requirements=requirements_table(check.verdict),
         question=f"Monte Carlo simulation of {check.trials:,} shots, each with its own installation and image noise.",
         method=check.method,
         opening=(decision_sentence(check.verdict) or headline.sentence,),
