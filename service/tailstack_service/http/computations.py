@@ -21,7 +21,7 @@ from ..operations.batch import read_sent
 from ..operations.content import canonical
 from ..operations.effort import size_of
 from ..operations.example import EXAMPLE_DESIGN, variants
-from ..operations.operation import Call, Done, JobRequest, Operation, Reception
+from ..operations.operation import Call, JobRequest, Operation, Reception
 from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, Request
@@ -110,6 +110,6 @@ def compute_unit(sent: RawRequest, settings: Settings, spec: bytes) -> bytes:
 
 def join_units(sent: RawRequest, settings: Settings, results: tuple[UnitResult, ...]) -> bytes:
     """The record of a table, from all its units."""
-    step = plan("batch", read_sent(sent, settings).content, results)
-    assert isinstance(step, Done)
-    return step.answer
+    answer = plan("batch", read_sent(sent, settings).content, results).answer
+    assert answer is not None
+    return answer

@@ -43,7 +43,7 @@ from ..tables import (
 )
 from .content import canonical
 from .effort import score_seconds, size_of
-from .operation import Body, JobRequest, LateImport, More, Operation, Pieces, Reception
+from .operation import Body, JobRequest, LateImport, Operation, Pieces, Reception
 from .options import Options
 from .patches import NAMED, SHA256
 
@@ -290,9 +290,8 @@ def _receive(sent: RawRequest, settings: Settings) -> Reception:
     table = read_sent(sent, settings)
     if sent.as_job:
         return Reception(job=JobRequest("batch", canonical(table.content), table.name), designs=table.nameable)
-    step = plan("batch", table.content, ())
-    assert isinstance(step, More)
-    pieces = Pieces(table.form, table.rows * table.row_seconds, table.rows_a_unit * table.row_seconds, step.specs)
+    specs = plan("batch", table.content, ()).more
+    pieces = Pieces(table.form, table.rows * table.row_seconds, table.rows_a_unit * table.row_seconds, specs)
     return Reception(pieces=pieces, designs=table.nameable)
 
 

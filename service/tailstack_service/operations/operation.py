@@ -84,28 +84,6 @@ class Reception:
     designs: tuple[tuple[str, bytes], ...] = ()  # SHA-256 and JSON of those that later requests may name
 
 
-# --- as a job: units that are computed side by side and recorded -----------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class More:
-    """These units are needed, in any order and side by side; then the job is planned again."""
-
-    specs: tuple[bytes, ...]  # canonical JSON, none of them recorded yet and none twice
-    remaining: int = 0  # units expected after these, as far as is known
-    note: str = ""  # what they do, in words
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """The job's record, JSON as published."""
-
-    answer: bytes
-
-
-Step = More | Done
-
-
 # --- computed again from its record: report --verify ----------------------------------------------------
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from tailstack.errors import Problem
@@ -31,18 +29,8 @@ def merge(target: Any, patch: Any) -> Any:
     return merged
 
 
-@dataclass(frozen=True, slots=True)
-class PartialDocument:
-    """What a request says of its design otherwise than by the whole of it."""
-
-    sha256: str | None  # of the design that it begins from; None: it is in the request
-    patch: dict[str, Any]
-
-
-def read_partial(data: dict[str, Any], fields: Sequence[str]) -> PartialDocument | None:
-    """What a body has instead of the design, or beside it; None if that is the design alone.  Raises RequestError."""
-    if tuple(fields) != ("design",) or not {NAMED, PATCH} & data.keys():
-        return None
+def refuse_partial(data: dict[str, Any]) -> None:
+    """Refuse what a body has instead of the design, or beside it, where it means none.  Raises RequestError."""
     from tailstack.design.reading import show  # which loads what --help can do without
 
     name, patch = data.get(NAMED), data.get(PATCH, {})
@@ -58,4 +46,3 @@ def read_partial(data: dict[str, Any], fields: Sequence[str]) -> PartialDocument
     if NAMED not in data and "design" not in data:
         detail = f"there is no design for the patch: give design or {NAMED}"
         raise RequestError(Problem("", "missing-field", detail, f"{NAMED} names a design that was sent before"))
-    return PartialDocument(name, patch)

@@ -16,18 +16,17 @@ from ..problems import RefusedAt, memory_error, problem_document
 from ..processes.task import ADVANCE, Outcome, Task, UnitResult
 from .content import canonical
 from .example import EXAMPLE_DESIGN
-from .operation import More, Step
 from .registry import OPERATIONS
 
 
-def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
     """More units, or the record, by what is recorded so far.
 
     A pure function: it is asked again after every round, and after a kill, and says the same each time.  Raises
     TailstackError for a request that is refused, ``RefusedAt`` where that is not about ``/design``.
     """
-    step: Step = _units(kind).plan(request, results)
-    return step
+    outcome: Outcome = _units(kind).plan(request, results)
+    return outcome
 
 
 def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
@@ -64,15 +63,12 @@ def perform(task: Task) -> Outcome:
 def _perform(task: Task) -> Outcome:
     request = json.loads(task.request)
     if task.spec != ADVANCE:
-        return Outcome(0.0, result=compute(task.kind, request, json.loads(task.spec)))
-    step = plan(task.kind, request, task.results)
-    if isinstance(step, More):
-        return Outcome(0.0, more=step.specs, remaining=step.remaining, note=step.note)
-    return Outcome(0.0, answer=step.answer)
+        return Outcome(result=compute(task.kind, request, json.loads(task.spec)))
+    return plan(task.kind, request, task.results)
 
 
 def _refusal(error: TailstackError) -> Outcome:
-    return Outcome(0.0, problem=to_json(problem_document(error, instance="")))
+    return Outcome(problem=to_json(problem_document(error, instance="")))
 
 
 def check_once() -> None:

@@ -38,7 +38,7 @@ from ..environment import variable
 from ..problems import MalformedError, RefusedAt, RequestError
 from ..processes.task import Query, RawRequest
 from .content import canonical
-from .patches import NAMED, PATCH, PartialDocument, merge, read_partial
+from .patches import NAMED, PATCH, merge, refuse_partial
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -102,24 +102,23 @@ def read_request(
         design = load(sent.body, settings, "")
         return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
     body = parse_json(sent.body, settings, yaml=yaml)
-    partial = read_partial(body, fields)
+    in_parts = tuple(fields) == ("design",) and bool({NAMED, PATCH} & body.keys())
+    if in_parts:
+        refuse_partial(body)
     options = read_options(kind, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
-    if partial is not None:
-        body["design"] = _apply_patch(body, partial, sent)
+    if in_parts:
+        body["design"] = _apply_patch(body, sent)
     designs = tuple(design_of(body, settings, field) for field in fields)
     data = {field: body[field] for field in fields}
-    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial is not None)
+    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, in_parts)
 
 
-def _apply_patch(body: dict[str, Any], partial: PartialDocument, sent: RawRequest) -> Any:
+def _apply_patch(body: dict[str, Any], sent: RawRequest) -> Any:
     """The design that a request means.  Raises DesignReferenceUnresolved."""
-    if partial.sha256 is None:
-        if not isinstance(body["design"], dict):
-            return body["design"]  # which is refused as it is
-        return merge(body["design"], partial.patch)
-    if sent.base is None:
-        raise DesignReferenceUnresolved(partial.sha256)
-    return merge(json.loads(sent.base), partial.patch)
+    if NAMED in body and sent.base is None:
+        raise DesignReferenceUnresolved(body[NAMED])
+    design = body["design"] if sent.base is None or NAMED not in body else json.loads(sent.base)
+    return merge(design, body.get(PATCH, {})) if isinstance(design, dict) else design  # which is refused as it is
 
 
 # --- options ----------------------------------------------------------------------------------------------

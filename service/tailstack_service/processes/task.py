@@ -44,9 +44,10 @@ class Task:
 class Outcome:
     """What a task came to.  Exactly one of ``result``, ``more``, ``answer`` and ``problem`` is set."""
 
-    cpu_seconds: float
+    cpu_seconds: float = 0.0
     result: bytes | None = None  # of a unit that is not an advance
-    more: tuple[bytes, ...] = ()  # of an advance: specs of units that can run side by side, then it is asked again
+    more: tuple[bytes, ...] = ()  # of an advance: specs of units that can run side by side, none of them recorded yet
+    # and none twice; then it is asked again
     answer: bytes | None = None  # of an advance: the job's document, JSON as published
     problem: bytes | None = None  # the request was refused: a ProblemDocument as JSON, without instance
     remaining: int = 0  # of an advance that wants more: units expected after these, as far as is known

@@ -17,17 +17,18 @@ from tailstack.scoring import provenance
 
 from ...documents import to_json
 from ...problems import RefusedAt
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ...tables import WRITERS, Format, hold_numbers, read_number
 from ..content import canonical, loaded_design
-from ..operation import Done, More, Step
 from .parts import plan_spans
 
 
-def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Outcome:
     """Every row at once, then the record."""
     spans = plan_spans("rows", len(request["cells"][0]), request["rows_a_unit"], results)
-    return spans if isinstance(spans, More) else Done(to_json(_record(request, [json.loads(span) for span in spans])))
+    if isinstance(spans, Outcome):
+        return spans
+    return Outcome(answer=to_json(_record(request, [json.loads(span) for span in spans])))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -11,16 +11,15 @@ from tailstack.verification import PreparedDesign, Sampling
 
 from ...documents import from_json, to_json
 from ...problems import RefusedAt, RequestError
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical, design_of
-from ..operation import Done, More, Step
 from . import verification
 from .parts import Parts
 
 SIDES = ("first", "second")
 
 
-def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
     """More units for the checks that are not finished, or the comparison."""
     from ...report.assembling import assemble, options_of
     from ...report.comparing import check_parts, compare, verify_alike
@@ -44,7 +43,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         except TailstackError as error:
             raise RefusedAt.place(error, f"/{side}") from None
     try:
-        return Done(to_json(compare(reports[0], reports[1], options)))
+        return Outcome(answer=to_json(compare(reports[0], reports[1], options)))
     except RequestError as error:
         raise RefusedAt.place(error, "/second") from None
 
@@ -59,7 +58,7 @@ def _ready(request: dict[str, Any], side: str) -> PreparedDesign:
 class _NotYet(Exception):
     """Parts of the checks are not recorded."""
 
-    def __init__(self, step: More) -> None:
+    def __init__(self, step: Outcome) -> None:
         super().__init__(step.note)
         self.step = step
 

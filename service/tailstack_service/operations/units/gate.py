@@ -16,9 +16,8 @@ from ...gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check
 from ...gate.reading import GateError
 from ...gate.request import read_gate
 from ...problems import RefusedAt, RequestError
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical
-from ..operation import Done, Step
 from . import verification
 from .parts import Parts
 
@@ -26,7 +25,7 @@ from .parts import Parts
 FOUND, REFUSED = b"+", b"-"
 
 
-def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
     """More units for the designs whose checks are not finished, or the record."""
     gate, scored = _score(canonical(request))
     checks: list[Verification | TailstackError | None] = []
@@ -52,7 +51,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
             checks.append(from_json(Verification, answer))
     if more := parts.more(f"Monte Carlo checks of {len(scored)} design(s)"):
         return more
-    return Done(to_json(conclude(gate, scored, checks)))
+    return Outcome(answer=to_json(conclude(gate, scored, checks)))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -36,9 +36,8 @@ from tailstack.optimisation.task import OptimisationTask, frees_views, read_task
 from tailstack.results import FrontPoint
 
 from ...documents import to_json
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical, loaded_design
-from ..operation import Done, More, Step
 from . import whole
 
 _FRONT_POINT = TypeAdapter(FrontPoint)
@@ -50,7 +49,7 @@ STARTS_PER_UNIT = 4
 ONE_THREAD = Control(threads=1)
 
 
-def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Outcome:
     """First every start, at every number of fiducials; then the points of a front; then the answer."""
     if frees_views(loaded_design(canonical(request["design"]))):
         return whole.plan(request, tuple(results))
@@ -60,11 +59,13 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
         ends = {position: _ends(task, held, position) for position in _list_searches(task)}
     except Pending as pending:
         starts = task.starts * len(_list_searches(task))
-        return More(pending.wanted, 0, f"solving from {starts} starts, then the best is settled and verified")
+        note = f"solving from {starts} starts, then the best is settled and verified"
+        return Outcome(more=pending.wanted, note=note)
     try:
-        return Done(to_json(optimise_task(task, RecordedSearcher(_key(request), task, ends, held), ONE_THREAD)))
+        searcher = RecordedSearcher(_key(request), task, ends, held)
+        return Outcome(answer=to_json(optimise_task(task, searcher, ONE_THREAD)))
     except Pending as pending:
-        return More(pending.wanted, 0, f"{len(pending.wanted)} points of the front")
+        return Outcome(more=pending.wanted, note=f"{len(pending.wanted)} points of the front")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,14 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     if isinstance(prepared, TailstackError):
         return _bytes([])
     if spec["what"] == "front":
-        search = Search(prepared.program, _read_iterates(prepared, spec), prepared.terms, 0, 0, (), "")
+        iterates = tuple(
+            Iterate(
+                _points(b64decode(item["point"]))[0],
+                (prepared.ends if item["led"] else prepared.starts)[item["start"]].parameters,
+            )
+            for item in spec["found"]
+        )
+        search = Search(prepared.program, iterates, prepared.terms, 0, 0, (), "")
         point = front_point(_task(*_key(request)), search, spec["number"], spec["factor"], ONE_THREAD)
         return canonical(_FRONT_POINT.dump_python(point))
     wanted = islice(prepared.starts, spec["first"], spec["first"] + spec["count"])
@@ -137,16 +145,6 @@ def _front_specs(task: OptimisationTask, position: int, search: Search, prepared
         canonical({"what": "front", "position": position, "number": number, "factor": factor, "found": layouts})
         for number, factor in enumerate(front_factors(task.request, search))
     ]
-
-
-def _read_iterates(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iterate, ...]:
-    return tuple(
-        Iterate(
-            _points(b64decode(item["point"]))[0],
-            (prepared.ends if item["led"] else prepared.starts)[item["start"]].parameters,
-        )
-        for item in spec["found"]
-    )
 
 
 def _list_searches(task: OptimisationTask) -> list[int]:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical
-from ..operation import More, Step
 
 
-def plan_spans(what: str, total: int, count: int, results: Iterable[UnitResult]) -> More | list[bytes]:
-    """The results of spans of ``count`` of ``total`` things, in their order; More: some are not recorded yet."""
+def plan_spans(what: str, total: int, count: int, results: Iterable[UnitResult]) -> Outcome | list[bytes]:
+    """The results of spans of ``count`` of ``total`` things, in their order; an outcome: some are not recorded yet."""
     recorded = {unit.spec: unit.result for unit in results}
     specs = [canonical({"what": what, "first": first, "count": count}) for first in range(0, total, count)]
     missing = tuple(spec for spec in specs if spec not in recorded)
-    return More(missing, 0, f"{total} {what}") if missing else [recorded[spec] for spec in specs]
+    return Outcome(more=missing, note=f"{total} {what}") if missing else [recorded[spec] for spec in specs]
 
 
 class Parts:
@@ -34,15 +33,17 @@ class Parts:
             if spec["of"] == part
         )
 
-    def answer_of(self, part: str | int, step: Step) -> bytes | None:
+    def answer_of(self, part: str | int, step: Outcome) -> bytes | None:
         """The answer of a part, by the step that its plan came to; None: its units are needed first."""
-        if not isinstance(step, More):
+        if step.answer is not None:
             return step.answer
-        self._specs += [canonical({"of": part, "spec": json.loads(spec)}) for spec in step.specs]
+        self._specs += [canonical({"of": part, "spec": json.loads(spec)}) for spec in step.more]
         self._remaining += step.remaining
         self._notes.append(f"{part}: {step.note}")
         return None
 
-    def more(self, note: str = "") -> More | None:
+    def more(self, note: str = "") -> Outcome | None:
         """The units that all parts need; None: every part has its answer."""
-        return More(tuple(self._specs), self._remaining, note or "; ".join(self._notes)) if self._specs else None
+        if not self._specs:
+            return None
+        return Outcome(more=tuple(self._specs), remaining=self._remaining, note=note or "; ".join(self._notes))

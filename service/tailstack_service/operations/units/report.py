@@ -7,9 +7,8 @@ from typing import Any
 from tailstack.results import Optimisation, Verification
 
 from ...documents import from_json, to_json
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import design_of
-from ..operation import Done, Step
 from . import optimisation, verification
 from .parts import Parts
 
@@ -17,7 +16,7 @@ UNITS: dict[str, Any] = {"verification": verification, "optimisation": optimisat
 RECORDS = {"verification": Verification, "optimisation": Optimisation}
 
 
-def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
     """More units for the parts that are not finished, or the report."""
     from ...report.assembling import assemble, options_of
 
@@ -33,7 +32,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     if more := parts.more():
         return more
     report = assemble(design_of(request), options, records.get("verification"), records.get("optimisation"))
-    return Done(to_json(report))
+    return Outcome(answer=to_json(report))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -24,9 +24,8 @@ from tailstack.sweeping import (
 
 from ...documents import to_json
 from ...problems import RefusedAt
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical, design_of, loaded_design
-from ..operation import Done, More, Step
 from .parts import plan_spans
 
 _POINTS = TypeAdapter(tuple[SweepPoint, ...])
@@ -34,15 +33,14 @@ TARGETS_PER_UNIT = 16  # scores of a unit times their targets: some fifty millis
 TYPICAL_TRIALS = 2**17  # of a check to the precision that is asked for by default
 
 
-def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Outcome:
     """Every point at once, then the record."""
     design, axes = design_of(request), _axes(request)
     spans = plan_spans("points", count_points(axes), _points_per_unit(request), results)
-    if isinstance(spans, More):
+    if isinstance(spans, Outcome):
         return spans
     points = [point for span in spans for point in _POINTS.validate_json(span)]
-    record = assemble_sweep(design, axes, points, _check(request))
-    return Done(to_json(record))
+    return Outcome(answer=to_json(assemble_sweep(design, axes, points, _check(request))))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -45,17 +45,16 @@ from tailstack.verification import (
 )
 
 from ...documents import to_json
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical, loaded_design
-from ..operation import Done, More, Step
 
 
-def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Outcome:
     """The check as far as what is recorded carries it."""
     return plan_check(request["design"], sampling_of(request), results)
 
 
-def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Step:
+def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Outcome:
     """:func:`plan` for a design document that is sampled in a way of its own."""
     held = {unit.spec: unit.result for unit in results}
     sampler = RecordedSampler(held)
@@ -63,8 +62,9 @@ def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[Uni
         answer = verify_prepared(prepare_model(canonical(design)), sampling, threads=1, sampler=sampler)
     except Pending as pending:
         specs = tuple(dict.fromkeys(pending.wanted))
-        return More(specs, pending.remaining, f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come")
-    return Done(to_json(answer))
+        note = f"Monte Carlo: {len(held)} parts sampled, {len(specs)} more to come"
+        return Outcome(more=specs, remaining=pending.remaining, note=note)
+    return Outcome(answer=to_json(answer))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

@@ -8,16 +8,16 @@ from tailstack.errors import TailstackError
 
 from ...documents import to_json
 from ...problems import RefusedAt
-from ...processes.task import UnitResult
+from ...processes.task import Outcome, UnitResult
 from ..content import canonical, design_of
-from ..operation import Call, Done, More, Operation, Step
+from ..operation import Call, Operation
 
 WHOLE = canonical({"what": "whole"})
 
 
-def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
+def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
     """The one unit, then what it gave."""
-    return Done(results[0].result) if results else More((WHOLE,))
+    return Outcome(answer=results[0].result) if results else Outcome(more=(WHOLE,))
 
 
 def compute_whole(operation: Operation, request: dict[str, Any]) -> bytes:
