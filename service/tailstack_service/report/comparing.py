@@ -13,7 +13,7 @@ from tailstack.design.refusals import escape
 from tailstack.errors import Problem
 from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.simulate import Progress
-from tailstack.results import Verification
+from tailstack.results import Score, Verification
 from tailstack.results.digits import in_percent, length
 from tailstack.results.score import single_lines
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
@@ -149,7 +149,7 @@ def _common_trials(first: Verification | None, second: Verification | None) -> i
 
 
 def _first_order(first: Report, second: Report, name: str) -> Difference:
-    a, b = (next(target.p95_mm for target in report.score.targets if target.name == name) for report in (first, second))
+    a, b = (_p95_at(report.score, name) for report in (first, second))
     return Difference(name, "first order", a, b, b - a, None, None, "computed")
 
 
@@ -163,7 +163,7 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
             detail = f"so many shots have no answer at target {name} that some thirty-seconds of them have no P95"
             hint = "compare the designs by their scores (--parts score), or use more fiducials"
             raise RequestError(Problem("/fiducials/loss_probability", "no-bound", detail, hint))
-        was, now = (_checked_p95(report, name) for report in (first, second))
+        was, now = (_p95_at(report.verification, name) for report in (first, second))
         low, high = (now - was + (end - apart.value) for end in apart.interval)
         conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
         differences.append(
@@ -191,9 +191,9 @@ def estimate_difference(first: Array, second: Array, quantile: float, confidence
     return estimate_by_sections(subtract, len(first), confidence)
 
 
-def _checked_p95(report: Report, name: str) -> float:
-    assert report.verification is not None
-    return next(target.p95_mm for target in report.verification.targets if target.name == name)
+def _p95_at(found: Score | Verification | None, name: str) -> float:
+    assert found is not None
+    return next(target.p95_mm for target in found.targets if target.name == name)
 
 
 def _headline(first: Report, second: Report, differences: tuple[Difference, ...], names: Names) -> ComparisonHeadline:
@@ -298,50 +298,34 @@ APART = ("schema", "review")
 
 def changes_of(first: Any, second: Any) -> tuple[tuple[Change, ...], int]:
     """Fields that differ, in the order of the second document, at most MOST of them; and how many are left out."""
-    changes = list(_changes(first, second, "", "", ""))
+    told = [{key: value for key, value in document.items() if key not in APART} for document in (first, second)]
+    changes = list(_changes(told[0], told[1], "", "", ""))
     return tuple(changes[:MOST]), max(len(changes) - MOST, 0)
 
 
 def _changes(first: Any, second: Any, old: str, new: str, name: str) -> Iterator[Change]:
-    if isinstance(first, dict) and isinstance(second, dict):
-        yield from _of_mappings(first, second, old, new, name)
-    elif _list_values(first) and _list_values(second):
-        yield from _of_lists(first, second, old, new, name)
-    elif first != second:
-        yield Change(new, name.strip(), unit_label(new), "changed", _value(first), _value(second))
-
-
-def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: str, name: str) -> Iterator[Change]:
-    for key, value in second.items():
-        if new == "" and key in APART:
-            continue
-        ways = (f"{old}/{escape(key)}", f"{new}/{escape(key)}", f"{name} {key}")
-        if key in first:
-            yield from _changes(first[key], value, *ways)
-        elif value is not None:
-            yield Change(ways[1], ways[2].strip(), unit_label(ways[1]), "added", None, _value(value))
-    for key, value in first.items():
-        if key not in second and value is not None and not (old == "" and key in APART):
-            at = f"{old}/{escape(key)}"
-            yield Change(at, f"{name} {key}".strip(), unit_label(at), "removed", _value(value), None)
-
-
-def _of_lists(first: list[Any], second: list[Any], old: str, new: str, name: str) -> Iterator[Change]:
-    before, after = _describe(first), _describe(second)
-    for key, place in after.items():
-        ways = (f"{old}/{before.get(key, 0)}", f"{new}/{place}", f"{name} {key}")
+    before, after = _parts(first), _parts(second)
+    if before is None or after is None or type(first) is not type(second):
+        if first != second:
+            yield Change(new, name.strip(), unit_label(new), "changed", _value(first), _value(second))
+        return
+    for key, step in after.items():
+        at, called = f"{new}/{escape(str(step))}", f"{name} {key}"
         if key in before:
-            yield from _changes(first[before[key]], second[place], *ways)
-        else:
-            yield Change(ways[1], ways[2].strip(), "", "added", None, _value(second[place]))
-    for key, place in before.items():
-        if key not in after:
-            yield Change(f"{old}/{place}", f"{name} {key}".strip(), "", "removed", _value(first[place]), None)
+            yield from _changes(first[before[key]], second[step], f"{old}/{escape(str(before[key]))}", at, called)
+        elif second[step] is not None:
+            yield Change(at, called.strip(), unit_label(at), "added", None, _value(second[step]))
+    for key, step in before.items():
+        if key not in after and first[step] is not None:
+            at = f"{old}/{escape(str(step))}"
+            yield Change(at, f"{name} {key}".strip(), unit_label(at), "removed", _value(first[step]), None)
 
 
-def _list_values(node: Any) -> bool:
-    """A list of mappings: a position, a matrix are values."""
-    return isinstance(node, list) and all(isinstance(item, dict) for item in node)
+def _parts(node: Any) -> dict[str, Any] | None:
+    """Keys of a mapping, or places in a list of mappings, by what tells them; None of a value: a position, a matrix."""
+    if isinstance(node, dict):
+        return {key: key for key in node}
+    return _describe(node) if isinstance(node, list) and all(isinstance(item, dict) for item in node) else None
 
 
 def _describe(items: list[Any]) -> dict[str, int]:
