@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args
 
@@ -21,22 +22,16 @@ from tailstack.results.json_text import write_json
 R = TypeVar("R")
 
 
-_ADAPTERS: dict[type, TypeAdapter[Any]] = {}
-_WRITERS: dict[type, TypeAdapter[Any]] = {}
-
-
-def _adapter(kind: type) -> TypeAdapter[Any]:
+@cache
+def _reader(kind: Any) -> TypeAdapter[Any]:
     """Made when first needed: all of them together take a noticeable part of a start."""
-    if kind not in _ADAPTERS:
-        _ADAPTERS[kind] = TypeAdapter(kind)
-    return _ADAPTERS[kind]
+    return TypeAdapter(kind)
 
 
-def _writer(kind: type) -> TypeAdapter[Any]:
+@cache
+def _writer(kind: Any) -> TypeAdapter[Any]:
     """A number that is none stays what it is."""
-    if kind not in _WRITERS:
-        _WRITERS[kind] = _configure(kind, ConfigDict(ser_json_inf_nan="constants"))
-    return _WRITERS[kind]
+    return _configure(kind, ConfigDict(ser_json_inf_nan="constants"))
 
 
 def _configure(kind: type, config: ConfigDict) -> TypeAdapter[Any]:
@@ -47,7 +42,7 @@ def _configure(kind: type, config: ConfigDict) -> TypeAdapter[Any]:
 
 def plain(record: Any) -> Any:
     """A record as JSON's own types; a whole number in a field of floats is a float, as it is when read back."""
-    return _writer(type(record)).dump_python((record,), mode="json")[0]
+    return _writer(type(record)).dump_python((record,), mode="json")[0]  # type: ignore[arg-type]
 
 
 def to_json(record: Any) -> bytes:
@@ -68,7 +63,7 @@ def from_json(kind: type[R], content: bytes) -> R:
 
 def from_plain(kind: type[R], data: Any) -> R:
     """The record given as plain data.  Raises pydantic's ValidationError."""
-    record: R = _adapter(kind).validate_python(data)
+    record: R = _reader(kind).validate_python(data)  # type: ignore[arg-type]
     return record
 
 
@@ -115,7 +110,9 @@ def _in_draft_7(schema: dict[str, Any]) -> dict[str, Any]:
     made: dict[str, Any] = {}
     for keyword, value in schema.items():
         if keyword == "properties":
-            made[keyword] = {name: _without_title(_in_draft_7(part)) for name, part in value.items()}
+            made[keyword] = {name: _in_draft_7(part) for name, part in value.items()}
+            for part in made[keyword].values():
+                part.pop("title", None)  # which pydantic makes of the name: the editor shows that already
         elif keyword == "$defs":
             made["definitions"] = {name: _in_draft_7(part) | _title_of(name) for name, part in value.items()}
         elif keyword in LISTS:
@@ -133,11 +130,6 @@ def _in_draft_7(schema: dict[str, Any]) -> dict[str, Any]:
     if "$ref" in made and len(made) > 1:
         made = {"allOf": [{"$ref": made.pop("$ref")}], **made}  # beside a reference draft 7 reads nothing
     return made
-
-
-def _without_title(schema: dict[str, Any]) -> dict[str, Any]:
-    """A property without the title that pydantic makes of its name: the editor shows the name already."""
-    return {keyword: value for keyword, value in schema.items() if keyword != "title"}
 
 
 def _title_of(name: str) -> dict[str, str]:

@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from typing import Any
 
-from tailstack.design import Design, design_to_data
+from tailstack.design import design_to_data
 from tailstack.design.reading import DocumentSource
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
@@ -92,7 +92,8 @@ def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:
     design = next((entry.design for entry in gate.designs if entry.file == finding.file), None)
     document = {POLICY: gate.policy, WAIVERS: gate.waivers, BASELINE: gate.baseline}.get(finding.file)
     if design is not None:
-        finding = replace(finding, pointer=_own_pointer(finding.pointer, design))
+        if design.document.fiducials.file is not None and _POINT.fullmatch(finding.pointer):
+            finding = replace(finding, pointer="/fiducials/file")  # the points were sent inside the design
         finding = _find_line(finding, finding.file, design.source)
     elif document is not None:
         finding = _find_line(finding, document.file, document.source)
@@ -105,10 +106,3 @@ def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:
 def _find_line(finding: GateFinding, file: str, source: DocumentSource) -> GateFinding:
     here = place(Problem(finding.pointer, finding.rule, ""), source)
     return replace(finding, file=file, line=here.line, column=here.column)
-
-
-def _own_pointer(pointer: str, design: Design) -> str:
-    """Points that were sent inside the design stand in a file of their own."""
-    if design.document.fiducials.file is not None and _POINT.fullmatch(pointer):
-        return "/fiducials/file"
-    return pointer

@@ -214,7 +214,8 @@ def compute_remotely(service: RemoteService, path: str, request: dict[str, Any],
                 report(event.data["units_done"], event.data["units_expected"])
         job = service.ask_record("GET", place)
     except KeyboardInterrupt:
-        _cancel(service, place)
+        with suppress(RemoteError):  # nobody waits for the job any more
+            service.ask("POST", place + "/cancel", seconds=5.0)
         raise
     if job["state"] != "succeeded":
         raise _unfinished_error(job)
@@ -222,14 +223,6 @@ def compute_remotely(service: RemoteService, path: str, request: dict[str, Any],
     if hashlib.sha256(body).hexdigest() != job["result_sha256"]:
         raise _damage_error(job)
     return body
-
-
-def _cancel(service: RemoteService, place: str) -> None:
-    """Nobody waits for the job any more."""
-    try:
-        service.ask("POST", place + "/cancel", seconds=5.0)
-    except RemoteError:
-        return
 
 
 def unexpected_error(url: str, wanted: str, reason: ValueError) -> RemoteError:

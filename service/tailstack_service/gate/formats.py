@@ -510,15 +510,11 @@ def render_reqif(record: GateRecord) -> str:
 # --- all ----------------------------------------------------------------------------------------------
 
 
-def _render_baseline(record: GateRecord) -> str:
-    """The same record with a line for each field, so that a reviewer sees what changed in the one that is kept."""
-    return write_json(plain(record), indent=2) + "\n"
-
-
 FORMATS: dict[str, Callable[[GateRecord], str]] = {
     "text": render_text,
     "json": lambda record: to_json(record).decode() + "\n",
-    "baseline": _render_baseline,
+    # a line for each field, so that a reviewer sees what changed in the one that is kept
+    "baseline": lambda record: write_json(plain(record), indent=2) + "\n",
     "markdown": render_markdown,
     "sarif": render_sarif,
     "junit": render_junit,

@@ -11,6 +11,7 @@ import posixpath
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import NamedTuple
 
 from tailstack.design.refusals import place
@@ -108,7 +109,7 @@ def check_patterns(
     files = [name for design in designs for name in design.known_as]
     highest = max((split_ascent(name)[0] for name in files), default=0)
     limits = [highest if limit is None else limit for limit in ascents or (None, None)]
-    above = {path for name in files for path in _list_folders(name)}
+    above = {str(folder) for name in files for folder in PurePosixPath(name).parents} - {"/", "."}
     for document, stated, limit, prefix in (
         (policy, _list_patterns(policy), limits[0], prefixes[0]),
         (waivers, _list_waived(waivers), limits[1], prefixes[1]),
@@ -133,10 +134,3 @@ def _find_place_slip(pattern: str, names: Sequence[str], above: Collection[str],
     if match_names(above, pattern) and not match_names(names, pattern):
         return Slip("is a folder, and files are judged", f"write {pattern + '/*'!r}")
     return None
-
-
-def _list_folders(name: str) -> Iterator[str]:
-    while name := posixpath.dirname(name):
-        if name == "/":
-            return
-        yield name

@@ -194,7 +194,7 @@ class Answering:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        request, headers = Request(scope, receive), _first_headers(scope)
+        request, headers = Request(scope, receive), dict(reversed(scope["headers"]))  # of two of a name the first
         own_id = headers.get(b"x-request-id", b"")
         request_id = own_id.decode() if HARMLESS_ID.match(own_id) else os.urandom(16).hex()
         request.state.request_id = request_id
@@ -258,11 +258,6 @@ class Answering:
             "tenant": None if caller is None else caller.tenant,
         }
         log.info("answered a request for %s", route if known else "what is not there", extra=fields)
-
-
-def _first_headers(scope: Scope) -> dict[bytes, bytes]:
-    """Of headers that came twice, the first."""
-    return dict(reversed(scope["headers"]))
 
 
 def _two_lengths_error() -> TransportError:

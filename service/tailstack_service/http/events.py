@@ -116,7 +116,7 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
         now = clock.monotonic()
         if events:
             written, wait = now, LOOK_SECONDS
-            if is_last(events[-1]):
+            if events[-1].name == "state" and events[-1].data.get("state") in ENDED:
                 return
             continue
         if now - written > HEARTBEAT_SECONDS:
@@ -142,8 +142,3 @@ def event_bytes(job: Job, event: Event) -> bytes:
     """One event on the wire: id, name, and JSON on one line."""
     data = write_json({"job": job.id, "at": moment(event.at), **event.data})
     return f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()
-
-
-def is_last(event: Event) -> bool:
-    """Whether nothing comes after this event."""
-    return event.name == "state" and event.data.get("state") in ENDED

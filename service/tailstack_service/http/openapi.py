@@ -43,11 +43,6 @@ def reference(kind: str, name: str) -> dict[str, str]:
 # --- what routes declare ----------------------------------------------------------------------------------
 
 
-def headers_of(**named: str) -> dict[str, Any]:
-    """Header components by header name, underscores for hyphens."""
-    return {name.replace("_", "-"): reference("headers", component) for name, component in named.items()}
-
-
 def only_with(words: str, headers: Mapping[str, Any]) -> dict[str, Any]:
     """The same headers, which come only under a condition."""
     made = {}
@@ -69,7 +64,7 @@ def response_of(description: str, content: Mapping[str, Any] | None = None, **he
     """A response object; headers by component, underscores for hyphens."""
     response: dict[str, Any] = {"description": description}
     if headers:
-        response["headers"] = headers_of(**headers)
+        response["headers"] = {name.replace("_", "-"): reference("headers", each) for name, each in headers.items()}
     if content is not None:
         response["content"] = content
     return response

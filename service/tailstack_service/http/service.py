@@ -113,16 +113,10 @@ class Storage:
 async def _await(future: Future[T], seconds: float, clock: Clock) -> T:
     """The result of a call in a thread.  Raises what it raises, StoreUnavailable after so many seconds."""
     waiting = asyncio.wrap_future(future)
-    waiting.add_done_callback(_look_at_exception)
+    waiting.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # nobody may be there to look
     if not await clock.wait_async(waiting, seconds):
         raise _timeout_error(seconds)
     return waiting.result()
-
-
-def _look_at_exception(waiting: asyncio.Future[T]) -> None:
-    """Look at an exception that nobody waits for any more, which asyncio would warn of."""
-    if not waiting.cancelled():
-        waiting.exception()
 
 
 def _timeout_error(seconds: float) -> StoreUnavailable:

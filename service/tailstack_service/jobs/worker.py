@@ -75,7 +75,7 @@ def make_defect_outcome() -> Outcome:
     """Of a unit that raised what is not a refusal; its traceback belongs into the log."""
     hint = "report it with the job's id: the log of the worker holds the cause under it"
     error = TransportError("internal-error", "the job met a defect of the service", hint)
-    return Outcome(0.0, problem=render_problem(error))
+    return Outcome(problem=render_problem(error))
 
 
 def make_limit_outcome(seconds: float, limit_seconds: float) -> Outcome:

@@ -53,7 +53,10 @@ def _write_heading(made: Provenance, question: str, method: str) -> str:
     name = "\n".join(fold(made.design_name, width))
     if not current().details:
         return f"{name}\n{wrap(question)}"
-    estimator = "" if _is_default(made.estimator) else f"{made.estimator.replace('_', ' ')} estimator · "
+    from tailstack.system import DEFAULT_ESTIMATOR  # late: it brings numpy, which `--help` does without
+
+    usual = made.estimator == DEFAULT_ESTIMATOR
+    estimator = "" if usual else f"{made.estimator.replace('_', ' ')} estimator · "
     if made.design_sha256 is not None:
         digest = f"(sha256 {made.design_sha256[:12]})"
         name += ("  " if columns(name) + 2 + columns(digest) <= width else "\n") + digest
@@ -62,13 +65,6 @@ def _write_heading(made: Provenance, question: str, method: str) -> str:
         f"{estimator}{made.triangulation} triangulation · tailstack {made.tailstack_version}"
     )
     return f"{name}\n{wrap(how)}"
-
-
-def _is_default(estimator: str) -> bool:
-    """Whether a view is estimated as where nobody asks for another estimator."""
-    from tailstack.system import DEFAULT_ESTIMATOR  # late: it brings numpy, which `--help` does without
-
-    return estimator == DEFAULT_ESTIMATOR
 
 
 def findings_text(findings: Sequence[Finding]) -> str:

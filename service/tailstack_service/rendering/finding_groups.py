@@ -49,17 +49,13 @@ def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
     return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
 
 
-def _name_subject(message: str) -> str:
-    """What a remark is about: what stands before its colon, without the value that it has."""
-    return message.partition(": ")[0].partition(" is ")[0]
-
-
 def group_findings(findings: Sequence[Finding]) -> Iterator[tuple[Finding, str]]:
     """Findings with their sentences; three and more of the same words, each about another thing, are one."""
     for first, *others in group_alike(findings, _name_remark):
         fields = [name_field(item.pointer) for item in (first, *others)]
+        # what a remark is about stands before its colon; its value does not count
         names = ", ".join(
-            _name_subject(other.message) + (f" ({field})" if len(set(fields)) > 1 else "")
+            other.message.partition(": ")[0].partition(" is ")[0] + (f" ({field})" if len(set(fields)) > 1 else "")
             for other, field in zip(others, fields[1:], strict=True)
         )
         yield (first, first.message + (f" The same holds for {names}." if names else ""))

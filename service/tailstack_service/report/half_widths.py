@@ -42,11 +42,6 @@ def quantile_mm(model: LinearModel, check: Check, line: BudgetEntry, factor: flo
     return risk_of_units(model, law, check.quantile, None, check.min_yield, level).value_mm
 
 
-def lines_with_one_half_width(model: LinearModel) -> list[BudgetEntry]:
-    """Lines of the budget that do not overlap: components, and contributors whose sources are all alike."""
-    return [line for line in lines_of(model) if line.alike]
-
-
 def half_width_of(line: BudgetEntry) -> tuple[float, str]:
     """In the unit that people use, and that unit."""
     unit, people = unit_for_people(line.block.units[line.sources[0]])
@@ -63,7 +58,7 @@ def allowances(
     tightest = tightest_check(checks, target)
     priced = prices(design, system)
     entries = []
-    for line in lines_with_one_half_width(model):
+    for line in (line for line in lines_of(model) if line.alike):  # they do not overlap
         width, unit = half_width_of(line)
         status, ratio = ("no requirement", None) if tightest is None else _ratio(model, line, tightest)
         cost, smallest, largest = priced.get((line.block.contributor, line.component), (None, None, None))

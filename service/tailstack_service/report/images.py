@@ -317,12 +317,12 @@ def _remarks(view: ViewImage) -> list[str]:
     close = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close]
     outside = [view.labels[k] for k in sorted(view.outside)]
     remarks = ((f"closer than {view.spacing_px:.3g} px", close), ("not on the detector", outside))
-    return [f"{words}: {_list_first(names)}" for words, names in remarks if names]
-
-
-def _list_first(names: Sequence[str]) -> str:
-    more = len(names) - MOST_PAIRS
-    return ", ".join(names[:MOST_PAIRS]) + (f" and {more} more" if more > 0 else "")
+    return [
+        f"{words}: {', '.join(names[:MOST_PAIRS])}"
+        + (f" and {len(names) - MOST_PAIRS} more" if len(names) > MOST_PAIRS else "")
+        for words, names in remarks
+        if names
+    ]
 
 
 def _legend(seen: Sequence[ViewImage], y: float, compared: bool) -> list[str]:

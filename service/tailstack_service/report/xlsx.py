@@ -32,6 +32,7 @@ LINE = 15.0  # points
 READABLE = 110  # digits: the width that a caption or note takes
 SHEET_TITLE = 31
 A4 = 9
+MOST_LINES = 20  # of a text in a cell; longer ones, such as a design document, have a sheet
 FORMULA_STARTS = ("=", "+", "-", "@")
 
 
@@ -54,24 +55,15 @@ def xlsx_report(document: Document, record: bytes) -> bytes:
         _summary(book, formats, document)
         _provenance(book, formats, document)
         taken = {"summary", "provenance", "record"}
-        for table in tables_of(document):
-            _sheet(book, formats, table.on(On.SHEET), _title(table.name, taken))
-        for listing in listings_of(document):
-            _lines(book, formats, listing, _title("Design", taken))
+        blocks = [block for section in document.sections for block in section.blocks]
+        for table in (document.requirements, *blocks):
+            if isinstance(table, Table):
+                _sheet(book, formats, table.on(On.SHEET), _title(table.name, taken))
+        for listing in blocks:
+            if isinstance(listing, Listing) and len(listing.text.splitlines()) > MOST_LINES:
+                _lines(book, formats, listing, _title("Design", taken))
         _record(book, formats, record)
     return target.getvalue()
-
-
-def tables_of(document: Document) -> list[Table]:
-    """Every table of the report, in its order."""
-    first = [] if document.requirements is None else [document.requirements]
-    return first + [block for section in document.sections for block in section.blocks if isinstance(block, Table)]
-
-
-def listings_of(document: Document) -> list[Listing]:
-    """Long texts: the design document."""
-    blocks = [block for section in document.sections for block in section.blocks if isinstance(block, Listing)]
-    return [block for block in blocks if len(block.text.splitlines()) > 20]
 
 
 Look = dict[str, Any]
@@ -213,7 +205,7 @@ def _provenance(book: Any, formats: _Formats, document: Document) -> None:
                 pairs = list(block.pairs)
             elif isinstance(block, Bullets):
                 pairs = [(section.title if k == 0 else "", item) for k, item in enumerate(block.items)]
-            elif isinstance(block, Listing) and len(block.text.splitlines()) <= 20:
+            elif isinstance(block, Listing) and len(block.text.splitlines()) <= MOST_LINES:
                 pairs = [(block.caption or section.title, block.text)]
             if pairs:
                 row = _pairs(sheet, formats, row + 1, pairs)

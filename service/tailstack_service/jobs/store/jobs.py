@@ -30,22 +30,22 @@ class Job:
     id: str
     tenant: str
     kind: str
-    state: str  # queued, running, succeeded, failed, cancelled
     request_sha256: str
     design_name: str
     solver_version: str
     request_id: str
     created_at: float
-    started_at: float | None
-    finished_at: float | None
-    units_done: int
-    units_expected: int
-    note: str
-    result_sha256: str | None
-    problem: dict[str, Any] | None
-    generation: int  # 1 more after each time that another solver version began it anew
-    cpu_seconds: float
-    last_event: int
+    state: str = "queued"  # running, succeeded, failed, cancelled
+    started_at: float | None = None
+    finished_at: float | None = None
+    units_done: int = 0
+    units_expected: int = 1
+    note: str = ""
+    result_sha256: str | None = None
+    problem: dict[str, Any] | None = None
+    generation: int = 1  # 1 more after each time that another solver version began it anew
+    cpu_seconds: float = 0.0
+    last_event: int = 1
 
     @property
     def is_over(self) -> bool:
@@ -101,22 +101,11 @@ def submit_job(
             id=new_job_id(at, last),
             tenant=tenant,
             kind=kind,
-            state="queued",
             request_sha256=digest,
             design_name=storable(design_name),
             solver_version=solver_version,
             request_id=request_id,
             created_at=at,
-            started_at=None,
-            finished_at=None,
-            units_done=0,
-            units_expected=1,
-            note="",
-            result_sha256=None,
-            problem=None,
-            generation=1,
-            cpu_seconds=0.0,
-            last_event=1,
         )
         values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
         connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
@@ -189,11 +178,8 @@ def list_page(
     with reading(db) as connection:
         jobs = [_make_job(row) for row in connection.execute(query)]
     shown = tuple(jobs[:limit])
-    return JobsPage(shown, _write_cursor(shown[-1].id) if len(jobs) > limit else None)
-
-
-def _write_cursor(job_id: str) -> str:
-    return base64.urlsafe_b64encode(job_id.encode()).decode().rstrip("=")
+    cursor = base64.urlsafe_b64encode(shown[-1].id.encode()).decode().rstrip("=") if len(jobs) > limit else None
+    return JobsPage(shown, cursor)
 
 
 def _read_cursor(cursor: str) -> str:

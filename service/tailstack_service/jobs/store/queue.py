@@ -63,20 +63,15 @@ class Claim:
         return f"{self.job_id}-{self.index}-{self.generation}-{self.token}"
 
 
-def find_place(job_id: str, number: int, spec: bytes) -> float:
-    """The place in the queue of unit ``number`` of a job."""
-    further = 0 if spec == ADVANCE else max(0, number - UNITS_IN_PLACE)
-    return tables.time_of_job(job_id) + SECONDS_PER_FURTHER_UNIT * further
-
-
 def make_unit(job_id: str, number: int, spec: bytes, at: float) -> dict[str, Any]:
-    """A row of ``units`` that can be claimed from ``at`` on."""
+    """A row of ``units`` that can be claimed from ``at`` on, with its place in the queue."""
+    further = 0 if spec == ADVANCE else max(0, number - UNITS_IN_PLACE)
     return {
         "job_id": job_id,
         "number": number,
         "advance": spec == ADVANCE,
         "state": "ready",
-        "place": find_place(job_id, number, spec),
+        "place": tables.time_of_job(job_id) + SECONDS_PER_FURTHER_UNIT * further,
         "ready_at": at,
         "spec": spec,
         "token": 0,
@@ -117,7 +112,8 @@ def claim(
         rows = _settle_jobs(connection, rows, at, solver_version, max_attempts, max_deaths)
         if not rows:
             return []
-        bodies = _read_requests(connection, {row.job_id for row in rows})
+        wanted = {"job_ids": sorted({row.job_id for row in rows})}
+        bodies = {row.job_id: row.body for row in connection.execute(_BODIES, wanted)}
         recorded = {row.job_id: _read_recorded(connection, row.job_id) for row in rows if row.advance}
         rows = _drop_damaged(connection, rows, at, bodies, recorded)
         _lease(connection, rows, worker_id, at + lease_seconds)
@@ -285,10 +281,6 @@ def _drop_damaged(
             problem = render_problem(report_damage(*damages[job.id]))
             end_job(connection, job, at, "failed", problem=problem, idempotency_key=None)
     return [row for row in rows if row.job_id not in damages]
-
-
-def _read_requests(connection: Connection, job_ids: set[str]) -> dict[str, bytes]:
-    return {row.job_id: row.body for row in connection.execute(_BODIES, {"job_ids": sorted(job_ids)})}
 
 
 _BODIES = sa.select(tables.requests).where(tables.requests.c.job_id.in_(sa.bindparam("job_ids", expanding=True)))

@@ -52,7 +52,9 @@ def check_database(db: Database) -> list[DatabaseCheck]:
         if db.dialect == "postgresql":
             connection.execute(sa.text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
             connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
-        checks = [_check_schema(connection)]
+        version = read_version(connection)
+        known = f"{version or 'none'}, this tailstack knows {HEAD}"
+        checks = [DatabaseCheck("schema version", version == HEAD, known)]
         if not checks[0].ok:
             return checks
         if db.dialect == "sqlite":
@@ -60,11 +62,6 @@ def check_database(db: Database) -> list[DatabaseCheck]:
         checks += [_check_none(name, find(connection)) for name, find in _HASHES.items()]
         checks += [_check_none(name, connection.execute(query.limit(4)).scalars()) for name, query in _RULES.items()]
     return checks
-
-
-def _check_schema(connection: Connection) -> DatabaseCheck:
-    version = read_version(connection)
-    return DatabaseCheck("schema version", version == HEAD, f"{version or 'none'}, this tailstack knows {HEAD}")
 
 
 def _check_pragma(connection: Connection, name: str) -> DatabaseCheck:

@@ -360,10 +360,6 @@ def losses_listed(score: Score) -> Bullets:
     return Bullets(tuple(f"If fiducials are lost: {losses_sentence(line, checks)}" for line in score.losses))
 
 
-def largest_targets(score: Score) -> list[TargetScore]:
-    return sorted(score.targets, key=lambda target: target.p95_mm, reverse=True)[:DETAILED]
-
-
 def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
     """Pictures and table of the budget of the targets with the largest P95."""
     blocks: list[Block] = []
@@ -373,7 +369,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
                 f"Shown are the {DETAILED} targets with the largest P95 of {len(score.targets)}; the record has all."
             )
         )
-    for k, target in enumerate(largest_targets(score)):
+    for k, target in enumerate(sorted(score.targets, key=lambda target: -target.p95_mm)[:DETAILED]):
         suffix = "" if k == 0 else f"-{k + 1}"
         blocks += [
             Figure(
