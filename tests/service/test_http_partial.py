@@ -21,7 +21,7 @@ from plain_data import read_cases
 from tailstack.errors import Problem
 from tailstack_service.http import kept_designs
 from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
-from tailstack_service.jobs.store import designs, tables, upkeep
+from tailstack_service.jobs.store import results, tables, upkeep
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.operations.patches import merge
 from tailstack_service.problems import StoreUnavailable
@@ -115,30 +115,30 @@ def test_none_is_kept_where_the_operator_says_so(tmp_path: Path) -> None:
 
 
 def test_another_tenants_design_is_one_that_never_was(store: Database) -> None:
-    designs.keep_designs(store, [("a", NOWHERE, b"{}")], 10)
-    assert designs.read_design(store, "a", NOWHERE) == b"{}"
-    assert designs.read_design(store, "b", NOWHERE) is None
+    results.keep_designs(store, [("a", NOWHERE, b"{}")], 10)
+    assert results.read_design(store, "a", NOWHERE) == b"{}"
+    assert results.read_design(store, "b", NOWHERE) is None
 
 
 def test_a_design_that_was_changed_in_the_database_is_not_used(store: Database) -> None:
-    designs.keep_designs(store, [("a", NOWHERE, b'{"name":"a"}')], 10)
+    results.keep_designs(store, [("a", NOWHERE, b'{"name":"a"}')], 10)
     with writing(store) as connection:
         connection.execute(sa.update(tables.designs).values(body=b'{"name":"b"}'))
-    assert designs.read_design(store, "a", NOWHERE) is None
-    designs.keep_designs(store, [("a", NOWHERE, b'{"name":"a"}')], 10)
-    assert designs.read_design(store, "a", NOWHERE) == b'{"name":"a"}'
+    assert results.read_design(store, "a", NOWHERE) is None
+    results.keep_designs(store, [("a", NOWHERE, b'{"name":"a"}')], 10)
+    assert results.read_design(store, "a", NOWHERE) == b'{"name":"a"}'
 
 
 def test_a_design_that_is_sent_again_stays_and_old_ones_go(store: Database, clock: Clock) -> None:
     for name in ("1", "2", "1", "3"):
         clock.advance(60)
-        designs.keep_designs(store, [("a", name * 64, b"{}")], 2)
-    assert [designs.read_design(store, "a", name * 64) is not None for name in "123"] == [True, False, True]
+        results.keep_designs(store, [("a", name * 64, b"{}")], 2)
+    assert [results.read_design(store, "a", name * 64) is not None for name in "123"] == [True, False, True]
     assert upkeep.purge(store, 30.0).designs == 0
     clock.advance(40 * 86_400)
-    designs.keep_designs(store, [("a", "3" * 64, b"{}")], 2)
+    results.keep_designs(store, [("a", "3" * 64, b"{}")], 2)
     assert upkeep.purge(store, 30.0).designs == 1
-    assert [designs.read_design(store, "a", name * 64) is not None for name in "13"] == [False, True]
+    assert [results.read_design(store, "a", name * 64) is not None for name in "13"] == [False, True]
 
 
 def test_a_refusal_points_into_the_patched_design(client: httpx.Client) -> None:

@@ -21,7 +21,7 @@ from store_scenes import Clock, claim, claim_one, find, finish, record, specs, s
 
 from plain_data import read_cases
 from tailstack.errors import Problem
-from tailstack_service.jobs.store import designs, events, jobs, queue, results, schema, tables, upkeep, usage, workers
+from tailstack_service.jobs.store import events, jobs, queue, results, schema, tables, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, connect, writing
 from tailstack_service.jobs.store.queue import make_unit
 from tailstack_service.jobs.store.schema import open_database
@@ -273,7 +273,7 @@ def test_a_clock_that_leaps_makes_nothing_old(
     upkeep.purge(store, 30.0)
     clock.advance(served_days * DAY)
     jobs.cancel_job(store, "acme", submit(store, b"1").id)
-    designs.keep_designs(store, [("acme", "1" * 64, b"{}")], 9)
+    results.keep_designs(store, [("acme", "1" * 64, b"{}")], 9)
     clock.now += 40 * DAY
     assert upkeep.purge(store, 30.0, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
     assert [vars(each)["action"] for each in caplog.records if each.levelname == "WARNING"] == ["clock-leapt"]

@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..jobs.store import audit, designs, keys
+from ..jobs.store import audit, keys, results
 from ..problems import TransportError
 from ..settings import Settings, load_settings
 from . import events, information, jobs, pages, posting
@@ -86,8 +86,8 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
         ),
         metrics=Metrics(),
         kept_designs=KeptDesigns(
-            lambda tenant, sha256: storage.run(designs.read_design, tenant, sha256),
-            lambda entries: storage.write(designs.keep_designs, entries, settings.max_kept_designs),
+            lambda tenant, sha256: storage.run(results.read_design, tenant, sha256),
+            lambda entries: storage.write(results.keep_designs, entries, settings.max_kept_designs),
             off=settings.max_kept_designs == 0,
             clock=clock,
         ),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import hashlib
 import json
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .events import end_job, write_event
 from .queue import make_unit
+from .results import digest
 from .tables import is_job_id, new_job_id, storable
 
 
@@ -84,13 +84,13 @@ def submit_job(
 
     Keys live as long as their job.  Raises IdempotencyConflict (the key came with another request), QueueFull.
     """
-    digest = hashlib.sha256(request).hexdigest()
+    sha256 = digest(request)
     with writing(db) as connection:
         _lock_tenant(db, connection, tenant)
         if idempotency_key is not None:
             earlier = _find_by_key(connection, tenant, idempotency_key)
             if earlier is not None:
-                if (earlier.kind, earlier.request_sha256) != (kind, digest):
+                if (earlier.kind, earlier.request_sha256) != (kind, sha256):
                     raise _conflict_error(earlier)
                 return earlier, False
         if _count_unfinished(connection, tenant) >= max_queued:
@@ -101,7 +101,7 @@ def submit_job(
             id=new_job_id(at, last),
             tenant=tenant,
             kind=kind,
-            request_sha256=digest,
+            request_sha256=sha256,
             design_name=storable(design_name),
             solver_version=solver_version,
             request_id=request_id,

@@ -5,7 +5,6 @@ Only the SHA-256 of a secret is kept, which is enough for 256 random bits.
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import re
 import secrets
@@ -18,6 +17,7 @@ from tailstack.errors import Problem
 from ...problems import RequestError
 from . import audit, tables
 from .database import AnyRow, Database, now, reading, writing
+from .results import digest
 
 SCOPES = ("read", "compute", "metrics")
 LONGEST_DAYS = 3650.0
@@ -68,7 +68,7 @@ def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...],
         at = now(db, connection)
         key = Key(key_id, tenant, name, ordered, at, at + days * SECONDS_PER_DAY, None)
         values = {field: getattr(key, field) for field in Key.__dataclass_fields__}
-        values |= {"scopes": " ".join(ordered), "secret_sha256": _digest(secret)}
+        values |= {"scopes": " ".join(ordered), "secret_sha256": digest(secret.encode())}
         connection.execute(tables.keys.insert(), values)
         detail = {"name": name, "scopes": list(ordered), "expires_at": key.expires_at}
         audit.write_operation(db, connection, at, audit.CREATED, tenant, key_id, detail)
@@ -93,10 +93,6 @@ def _find_problems(tenant: str, name: str, scopes: tuple[str, ...], days: float)
     return problems
 
 
-def _digest(secret: str) -> str:
-    return hashlib.sha256(secret.encode()).hexdigest()
-
-
 def find_key(db: Database, presented: str) -> Key | None:
     """The key with this secret, unless it is revoked or has expired.  Digests are compared in constant time."""
     match = _PRESENTED.fullmatch(presented)
@@ -106,7 +102,7 @@ def find_key(db: Database, presented: str) -> Key | None:
     with reading(db) as connection:
         row = connection.execute(sa.select(*columns).where(tables.keys.c.id == match[1])).first()
         at = now(db, connection)
-    same = hmac.compare_digest(_digest(presented), row.secret_sha256 if row else _NO_DIGEST)
+    same = hmac.compare_digest(digest(presented.encode()), row.secret_sha256 if row else _NO_DIGEST)
     if row is None or not same:
         return None
     key = _make_key(row)

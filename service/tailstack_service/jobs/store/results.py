@@ -1,9 +1,11 @@
-"""Answers under the SHA-256 of their bytes, and what happens where something stored has no longer its hash.
+"""Answers and designs under their SHA-256, and what happens where something stored has no longer its hash.
 
 An answer is stored once and read by the tenants that own a job with it.  Requests, parts and answers are hashed
 whenever they are read.  Whatever changed one (a disk, a hand, a restored half), nothing is made of changed bytes: who
 reads an answer is refused, and a job that was to be computed from the others fails.  The same request, sent again,
 makes a fresh job; where that comes to the same answer, it is stored over the changed bytes.
+
+Of the designs that a tenant sent the last so many are kept, so that requests can name one by its hash.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
@@ -21,11 +24,12 @@ from tailstack.errors import Problem
 
 from ...problems import DamagedStore
 from . import tables
-from .database import AnyRow, Database, insert, reading
+from .database import AnyRow, Database, insert, now, reading, writing
 
 log = logging.getLogger("tailstack.store")
 
-_JOB = tables.jobs.c
+ORDER_SECONDS = 1e-6  # by which designs that are kept together follow one another
+_JOB, _DESIGN = tables.jobs.c, tables.designs.c
 ANSWER, REQUEST, PART = "answer", "request", "part"  # of a job
 _HINT = "send the request again, under another Idempotency-Key; the operator's tailstack db check says what is damaged"
 
@@ -109,3 +113,32 @@ def read_result(db: Database, tenant: str, sha256: str) -> StoredResult | None:
     if row is None or digest(row.body) != sha256:
         raise report_damage(ANSWER, sha256)
     return StoredResult(*row)
+
+
+# --- designs ------------------------------------------------------------------------------------------------
+
+
+def keep_designs(db: Database, entries: Sequence[tuple[str, str, bytes]], most: int) -> None:
+    """Keep designs (tenant, SHA-256, JSON), those that were sent last at the end; of each tenant its last ``most``."""
+    with writing(db) as connection:
+        at = now(db, connection)
+        for tenant, sha256, body in entries:
+            values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
+            statement = insert(db.dialect, tables.designs).values(values | {"sent_at": at})
+            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")} | {
+                "aged_from": None
+            }
+            connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
+            at += ORDER_SECONDS
+        for tenant in {tenant for tenant, _, _ in entries}:
+            last = sa.select(_DESIGN.sent_at).where(_DESIGN.tenant == tenant).order_by(_DESIGN.sent_at.desc())
+            oldest = last.limit(1).offset(most - 1).scalar_subquery()
+            connection.execute(sa.delete(tables.designs).where(_DESIGN.tenant == tenant, _DESIGN.sent_at < oldest))
+
+
+def read_design(db: Database, tenant: str, sha256: str) -> bytes | None:
+    """The JSON of a design that the tenant sent; None if it is not kept, or is no longer what was kept."""
+    query = sa.select(_DESIGN.body, _DESIGN.body_sha256).where(_DESIGN.tenant == tenant, _DESIGN.sha256 == sha256)
+    with reading(db) as connection:
+        row = connection.execute(query).first()
+    return row.body if row is not None and digest(row.body) == row.body_sha256 else None
