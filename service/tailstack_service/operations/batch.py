@@ -279,8 +279,8 @@ def rows_a_unit(batch: Batch) -> int:
 
 def receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
     """A table whose design was read.  Raises what ``_open`` raises."""
-    opened = _open(sent, settings)
-    return Estimated(score_seconds([size_of(opened.request.design)], losses=False), partial(_receive, sent, settings))
+    request, *_ = _open(sent, settings)
+    return Estimated(score_seconds([size_of(request.design)], losses=False), partial(_receive, sent, settings))
 
 
 def _receive(sent: RawRequest, settings: Settings) -> Reception:
@@ -314,15 +314,14 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
 
     Raises what ``receive`` raises.
     """
-    opened = _open(sent, settings)
-    request, given, form = opened.request, opened.given, opened.form
+    request, given, columns, form = _open(sent, settings)
     if form == "json":
         table = _table_of(request.options.table)
     else:
         table = read_table(BytesIO(sent.body), form)
     given = [(name, name) for name in table.header] if given is None else given
     try:
-        scores = score_table(request.design, table, given, opened.columns)
+        scores = score_table(request.design, table, given, columns)
     except (DesignError, IllPosedError) as error:
         raise request.place(error) from None
     cells = _read_cells(scores, settings.max_batch_rows)
@@ -334,19 +333,13 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Opened:
-    """A table that was sent, before it is read: its design, and what is wanted of which column."""
-
-    request: Request
-    given: list[tuple[str, str]] | None  # None: every column
-    columns: Sequence[str] | None
-    form: Format | Literal["json"]
-
-
 @lru_cache(maxsize=1)
-def _open(sent: RawRequest, settings: Settings) -> _Opened:
-    """Kept, because ``receive`` opens what is then read.
+def _open(
+    sent: RawRequest, settings: Settings
+) -> tuple[Request, list[tuple[str, str]] | None, Sequence[str] | None, Format | Literal["json"]]:
+    """Of a table before it is read: its design, paths with their columns (None: every one), what is wanted, its form.
+
+    Kept, because ``receive`` opens what is then read.
 
     Raises RequestError, LimitError, MalformedError, RefusedAt, DesignReferenceUnresolved.
     """
@@ -356,13 +349,13 @@ def _open(sent: RawRequest, settings: Settings) -> _Opened:
 
     if sent.form == "json":
         request = OPERATION.read(sent, settings)
-        return _Opened(request, None, request.options.columns, "json")
+        return request, None, request.options.columns, "json"
     name, given, columns = _read_query(sent.query)
     if sent.base is None:
         raise DesignReferenceUnresolved(name)
     design = load(DocumentSource(json.loads(sent.base), None, None), settings, "")
     form = next(each for each, media in MEDIA_TYPES.items() if media == sent.form)
-    return _Opened(Request(None, (design,), {}, ("",), False), given, columns, form)
+    return Request(None, (design,), {}, ("",), False), given, columns, form
 
 
 def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:

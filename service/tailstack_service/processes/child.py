@@ -24,7 +24,7 @@ from typing import IO, Any
 from tailstack.kernels.process import ignore_settings_of_folder
 
 from .birth import digest_files
-from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
+from .frames import BEGUN, OTHER_CODE, receive, send
 from .linux import limit_memory, resident_bytes
 from .task import Estimated
 
@@ -62,7 +62,7 @@ def main(function: str, code: str, most_bytes: int) -> None:
             compute = compute or load_function(function)
             outcome = compute(task)
             while isinstance(outcome, Estimated):
-                send(outcomes, Estimate(outcome.seconds))
+                send(outcomes, float(outcome.seconds))
                 outcome = outcome.compute() if waiting.get() else None
         except Exception:
             outcome, raised = None, traceback.format_exc()

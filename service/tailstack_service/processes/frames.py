@@ -2,9 +2,10 @@
 
 A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
 
-A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps an ``Estimate``, to
-which the answer is whether it is to go on (True) or to leave it at that, then the outcome: what came of it, the
-traceback of a defect, whether the process is to be replaced, and the seconds of CPU that it took.
+A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps, when what was sent has
+been read, how many seconds of CPU the rest is expected to take (a float), to which the answer is whether it is to go on
+(True) or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process is to
+be replaced, and the seconds of CPU that it took.
 """
 
 from __future__ import annotations
@@ -12,20 +13,12 @@ from __future__ import annotations
 import asyncio
 import pickle
 import struct
-from dataclasses import dataclass
 from typing import IO, Any
 
 PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
 CHECK = "tailstack_service.operations.perform:check_once"  # calls the kernels that nearly every task needs
 BEGUN = "begun"  # said by a computing process when it has taken up a task
 OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """What was sent has been read, and the rest is expected to take so many seconds of CPU."""
-
-    seconds: float
 
 
 _LENGTH = struct.Struct("<Q")

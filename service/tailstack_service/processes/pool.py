@@ -17,7 +17,7 @@ from typing import Any
 
 from ..clock import SYSTEM_CLOCK, Clock
 from .birth import describe_ending, start_child
-from .frames import BEGUN, OTHER_CODE, Defect, Died, Estimate, NotBegun, OutOfDate, PutBack, pack, receive_async
+from .frames import BEGUN, OTHER_CODE, Defect, Died, NotBegun, OutOfDate, PutBack, pack, receive_async
 from .linux import read_processor_time
 
 LOOK_SECONDS = 0.25  # between two looks at what a process does
@@ -136,9 +136,9 @@ class ComputingProcess:
         self._begun = await receive_async(reader) == BEGUN
         self._pulse = self._make_pulse()  # what it took to load the call is no part of it
         put_back: PutBack | None = None
-        while isinstance(message := await receive_async(reader), Estimate):
-            if not may_go_on(message.seconds):
-                put_back = PutBack(message.seconds)
+        while isinstance(message := await receive_async(reader), float):
+            if not may_go_on(message):
+                put_back = PutBack(message)
             writer.write(pack(put_back is None))
         outcome, raised, tired, self.seconds = message
         self.spent = self.spent or tired

@@ -44,22 +44,15 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
         target, value, interval = largest
         sentence = largest_sentence(target, value, interval)
         return Headline(verdict.status, verdict.basis, sentence, None, target, P95, value, interval, None, ())
+    alike = ("requirement", "target", "quantile", "value", "interval", "limit", "error", "min_yield", "unit")
     return Headline(
         status=verdict.status,
         basis=verdict.basis,
         sentence=checks_sentence(verdict.checks),
-        requirement=decisive.requirement,
-        target=decisive.target,
-        quantile=decisive.quantile,
-        value=decisive.value,
-        interval=decisive.interval,
-        limit=decisive.limit,
         matters=(),
-        error=decisive.error,
-        min_yield=decisive.min_yield,
         risk="per_unit" if decisive.min_yield is None else decisive.risk,
         headline="" if decisive.statistic == "quantile" else decisive.headline,
-        unit=decisive.unit,
+        **{name: getattr(decisive, name) for name in alike},
     )
 
 
