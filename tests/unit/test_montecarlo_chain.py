@@ -42,9 +42,8 @@ from tailstack.estimation.resection import hartley_similarity, homogeneous
 from tailstack.geometry.rotation import RotationForm
 from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly, run_indices, standard_normals
 from tailstack.montecarlo.estimators import quantile_estimate
-from tailstack.montecarlo.lanes import lane_entry, load, store
 from tailstack.montecarlo.plan import bounded_names, compile_plan, object_frame, principal_axes
-from tailstack.montecarlo.streams import natural_log, sine_cosine, stream_key
+from tailstack.montecarlo.streams import stream_key, tabulate
 from tailstack.system import LINEAR, Estimator, Law, Reading, System, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
@@ -361,17 +360,6 @@ def test_elementary_functions_against_libm() -> None:
     tabulate(x, out.reshape(-1))
     assert np.abs(out[1] - np.sin(x)).max() < 5e-16
     assert np.abs(out[2] - np.cos(x)).max() < 5e-16
-
-
-@lane_entry
-def tabulate(x, out):  # type: ignore[no-untyped-def]
-    """The functions of lanes at a padded array: rows of ``out`` are log, sin, cos."""
-    for i in range(0, x.size, 8):
-        value = load(x, i)
-        store(out, i, natural_log(value))
-        sine, cosine = sine_cosine(value)
-        store(out, x.size + i, sine)
-        store(out, 2 * x.size + i, cosine)
 
 
 def splitmix(state: int) -> tuple[int, int]:

@@ -219,3 +219,14 @@ def sine_cosine(x):
     cosine_out = select(swapped, sine, cosine)
     # quadrants 2, 3: sine negative; quadrants 1, 2: cosine negative
     return as_lanes(as_bits(sine_out) ^ half), as_lanes(as_bits(cosine_out) ^ half ^ quarter_bit)
+
+
+@lane_entry
+def tabulate(x, out):
+    """Apply the three functions to a padded array: rows of ``out`` are log, sin, cos.  For tests and tables."""
+    for i in range(0, x.size, 8):
+        value = load(x, i)
+        store(out, i, natural_log(value))
+        sine, cosine = sine_cosine(value)
+        store(out, x.size + i, sine)
+        store(out, 2 * x.size + i, cosine)
