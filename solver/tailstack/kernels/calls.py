@@ -87,7 +87,7 @@ _TABLE = {
         0.4 optimisation.mixture.whiten_rows        f3 f3
         0.9 optimisation.cost_bound.raise_prices  f3 f3 f1 f1 f1
         0.4 optimisation.cost_bound.fill_charges  f2 f2 i1 i1 b1
-        0.6 optimisation.chance_bound.sum_waves  f2 f1 f2 f2 f1
+        0.6 optimisation.chance_bound.sum_waves  f2 f1 f2r f2 f1
         1.1 optimisation.curvature.fill_jacobian   Tape(i1 i1 i1 i1 i1 f1) f1 f1 f2 f2
         0.4 optimisation.exchanging.apart_from_copies  f3 f3 Spacing(f f)
         0.3 optimisation.exchanging.keeps_distance  f2 i1 f2 f3 Spacing(f f)

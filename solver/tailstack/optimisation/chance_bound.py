@@ -24,7 +24,7 @@ from scipy.optimize import linprog
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
 from ..tail.declared import LinearLaw, lattice_columns
-from ..tail.lattice import Accuracy, balls, build, on_principal_axes, sines, sum_of_products
+from ..tail.lattice import Accuracy, balls, build, on_principal_axes, sines
 
 ACCURACY = Accuracy(5e-9, 1e-8, 6e4)
 ERROR, SLOPES = 1e-7, 3.0  # absolute, of a chance; times what the terms tell of it, as slopes are off by as much
@@ -32,6 +32,7 @@ FIRST, LAST, OCTAVE = 1e-2, 2.0, 6  # t at the first radius by m; the last radiu
 FAR, AWAY, LEAST = 10.0, 0.6, 0.02  # t by m, distance from 0 by the quantile, and g, up to where tangents touch
 TRIED, SURE = 8, 0.99  # radii, and how much of the way to where two others promise p
 ENOUGH = 0.01  # of what m takes from the chance, by which it may be less than p
+BLOCK = 1024  # waves that are summed together
 LARGEST, MOST = 0.25, 2.0  # m, beyond which more proves no more; radius by the least quantile
 
 
@@ -143,28 +144,32 @@ def sum_waves(waves: Array, terms: Array, directions: Array, touches: Array, far
     In each row touches are twice those of the row before: so are angles, and ``cos 2x = 1 - 2 sin^2 x``.
     """
     rows, columns = touches.shape
-    count = len(terms)
     found = np.zeros((rows * columns, len(directions), 4))
-    phase, sine, cosine, pulled = np.empty(count), np.empty(count), np.empty(count), np.empty((3, count))
-    for a in range(3):
-        for i in range(count):
-            pulled[a, i] = -waves[a, i] * terms[i]
-    for j in range(len(directions)):
-        for i in range(count):
-            phase[i] = waves[0, i] * directions[j, 0] + waves[1, i] * directions[j, 1] + waves[2, i] * directions[j, 2]
-        for column in range(columns):
-            sines(touches[0, column], phase, sine, cosine)
-            for row in range(rows):
-                if touches[row, column] > farthest[j]:
-                    break
-                if row:
-                    for i in range(count):
-                        doubled = 2.0 * sine[i]
-                        cosine[i], sine[i] = 1.0 - doubled * sine[i], doubled * cosine[i]
-                own = found[row * columns + column, j]
-                own[0] = sum_of_products(terms, cosine)
-                for a in range(3):
-                    own[a + 1] = sum_of_products(pulled[a], sine)
+    phases, sines_of, cosines, pulls = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((3, BLOCK))
+    for begin in range(0, len(terms), BLOCK):  # what is summed stays near
+        some = terms[begin : begin + BLOCK]
+        count = len(some)
+        phase, sine, cosine = phases[:count], sines_of[:count], cosines[:count]
+        for a in range(3):
+            for i in range(count):
+                pulls[a, i] = -waves[a, begin + i] * some[i]
+        for j in range(len(directions)):
+            x, y, z = directions[j]
+            for i in range(count):
+                phase[i] = waves[0, begin + i] * x + waves[1, begin + i] * y + waves[2, begin + i] * z
+            for column in range(columns):
+                sines(touches[0, column], phase, sine, cosine)
+                for row in range(rows):
+                    if touches[row, column] > farthest[j]:
+                        break
+                    if row:
+                        for i in range(count):
+                            doubled = 2.0 * sine[i]
+                            cosine[i], sine[i] = 1.0 - doubled * sine[i], doubled * cosine[i]
+                    own = found[row * columns + column, j]
+                    own[0] += np.dot(some, cosine)
+                    for a in range(3):
+                        own[a + 1] += np.dot(pulls[a, :count], sine)
     return found
 
 

@@ -848,6 +848,7 @@ def net_through(directions: Array, faces: NDArray[np.int64], known: Array, metri
     return Net(planes, metric)
 
 
+@lru_cache(maxsize=4)
 def spread_directions(frequency: int) -> tuple[Array, NDArray[np.int64]]:
     """Directions (n, 3) and triangles (F, 3) between them and their opposites, n + i that of i: an octahedron whose
     faces are divided by the frequency.  Half of the triangles are given; the others are their opposites."""
@@ -871,7 +872,7 @@ def spread_directions(frequency: int) -> tuple[Array, NDArray[np.int64]]:
                     if min(min(point) for point in each) >= 0:
                         faces.append([place(tuple(s * x for s, x in zip(signs, point, strict=True))) for point in each])
     points = np.array(half, dtype=float)
-    return points / np.linalg.norm(points, axis=1, keepdims=True), np.array(faces, dtype=np.int64)
+    return frozen(points / np.linalg.norm(points, axis=1, keepdims=True)), frozen(faces, np.int64)
 
 
 def fit_below(net: Net, weight: Array) -> Array:
