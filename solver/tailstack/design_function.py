@@ -213,7 +213,7 @@ def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array) -> Err
     moved = _with_points(chain, chain.imaging.points + 1j * COMPLEX_STEP * points_mm)
     aim = model.reconstructed_mm.astype(np.complex128)  # whose kind some of the arrays take
     images = image_gains(moved, model.target, aim, model.tcp_from_localisation, model.tcp_from_flange)
-    by_effect = images.by_effect(moved.system)
+    by_effect = images.by_effect(moved)
 
     def slope(of: Array) -> Array:
         return np.asarray(np.imag(of) / COMPLEX_STEP)

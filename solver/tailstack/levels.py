@@ -19,7 +19,7 @@ class Drawn(StrEnum):
     @property
     def rank(self) -> int:
         """Its place among all, from 0."""
-        return list(Drawn).index(self)
+        return _RANKS[self]
 
     def is_held(self, level: Drawn) -> bool:
         """Whether what is drawn so stays what it is throughout one ``level``."""
@@ -35,6 +35,8 @@ class Drawn(StrEnum):
         """The same, where one reads of them for the first time."""
         return "installed units" if self is Drawn.UNIT else self.plural
 
+
+_RANKS = {level: rank for rank, level in enumerate(Drawn)}
 
 BETWEEN_SHOTS = [level for level in Drawn if level is not Drawn.SHOT][-1]
 """What is held from one shot to the next, when nothing but the shot is drawn again."""

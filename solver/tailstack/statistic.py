@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, Protocol
 
 HIGHEST = 0.9999  # quantile of the pooled law that a requirement reaches
@@ -61,6 +62,7 @@ class Statistic:
 NODES = 16  # of a mean over quantiles: to 1e-6 of it
 
 
+@lru_cache(maxsize=64)
 def from_quantile(start: float) -> Mixture:
     """The mean of all quantiles from one on, by Gauss and Legendre's points in s: p = start + (1 - start) S(s) with
     S(s) = s^3 (10 - 15 s + 6 s^2), which is flat at both ends, where a quantile has no slope."""

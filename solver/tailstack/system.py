@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import sqrt
 from typing import Any, NamedTuple, Self, assert_never
 
@@ -38,6 +38,11 @@ def std_per_half_width(law: Law, coverage_factor: float = 1.0) -> float:
     if law is Law.NORMAL:
         return 1 / coverage_factor
     return 0.0 if law is Law.BOUNDED else 1 / count_sigmas(law)
+
+
+@lru_cache(maxsize=256)
+def _std_per_half_widths(laws: tuple[Law, ...], coverage_factors: tuple[float, ...]) -> Array:
+    return frozen(np.array([std_per_half_width(*each) for each in zip(laws, coverage_factors, strict=True)]))
 
 
 class Reading(StrEnum):
@@ -175,9 +180,7 @@ class Sources:
     @property
     def std_per_half_width(self) -> Array:
         """(k,) standard deviation in half-widths of each."""
-        return np.array(
-            [std_per_half_width(*each) for each in zip(self.laws, self.coverage_factor.tolist(), strict=True)]
-        )
+        return _std_per_half_widths(self.laws, tuple(self.coverage_factor.tolist()))
 
     @property
     def spread(self) -> Array:
@@ -187,6 +190,8 @@ class Sources:
     @property
     def are_bounded(self) -> NDArray[np.bool_]:
         """(k,) which of them are BOUNDED and wider than 0."""
+        if Law.BOUNDED not in self.laws:
+            return np.zeros(self.count, dtype=np.bool_)
         return np.array([law is Law.BOUNDED for law in self.laws], dtype=np.bool_) & (self.half_width > 0)
 
     @property

@@ -158,6 +158,21 @@ def test_a_step_is_the_cheapest_within_every_limit_of_its_model(count: int) -> N
     np.testing.assert_array_equal(_Model(curves, lower, upper, beyond, np.ones((count, 6))).solve(), lower)
 
 
+@pytest.mark.parametrize("name", ["locators_321", "mean_and_tail", "clipped"])
+def test_a_limit_under_a_hand_is_kept_and_reached_wherever_it_stands(name: str) -> None:
+    """From a little above the least that can be kept, where half-widths are so small that rounding them is felt."""
+    design = clipped() if name == "clipped" else example(name)
+    asked = design.document.requirements[-1].name
+    free = allocate(design, requirement=asked)
+    locked = [f"{free.tolerances[0].contributor}.{free.tolerances[0].component}"]
+    costs = []
+    for limit in np.geomspace(0.27 / 0.45, 1.3, 7) * free.limit:
+        found = allocate(design, limit=round(float(limit), 4), requirement=asked, locked=locked)
+        assert (found.status, found.value <= found.limit) == ("kept", True)
+        costs.append(found.cost_after)
+    assert costs == sorted(costs, reverse=True)
+
+
 def test_out_of_reach_says_what_holds_it() -> None:
     """independent: ``score`` at the least half-widths, and its shares of the variance."""
     design = example("demo")
@@ -239,7 +254,7 @@ def test_closed_limits_are_near_what_is_read_and_pass_through_it(name: str) -> N
     steps = 1e-5 * np.eye(len(here))
     apart = [closed.log_squares(here * np.exp(step))[0] - closed.log_squares(here * np.exp(-step))[0] for step in steps]
     np.testing.assert_allclose(np.transpose(apart) / 2e-5, slopes, atol=0.02)
-    closed.anchor(here, exact)
+    closed.anchor(logs, exact)
     for t, each in enumerate(every):
         closed.turn(t, here, each.slopes())
     logs, slopes = closed.log_squares(here)

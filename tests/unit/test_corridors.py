@@ -19,6 +19,7 @@ from tailstack.optimisation import optimise
 from tailstack.optimisation.exact_law import exact_quantile
 from tailstack.optimisation.problem import demands_of
 from tailstack.optimisation.terms import linearise_demand
+from tailstack.propagation.linear import chain_of
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.declared import LinearLaw, PairLaw, column_gradient, law_gradient, law_quantile, law_summary
 from tailstack.tail.per_unit import unit_risk
@@ -258,7 +259,7 @@ def test_the_search_keeps_both_ends_of_a_corridor() -> None:
     assert [(demand.place, demand.requirement.quantile) for demand in demands] == [("entry", 0.995), ("tip", 0.995)]
     assert len({demand.key for demand in demands}) == 2
     assert "P99.5 of the radius that the trajectory needs at target 'entry to tip', tip" in demands[1].text
-    tip, entry = (linearise_demand(system, demand)[0] for demand in reversed(demands))
+    tip, entry = (linearise_demand(chain_of(system), demand)[0] for demand in reversed(demands))
     side = score(load_design(screw()), losses=False).measures[0]
     p95 = replace(demands[1], requirement=replace(demands[1].requirement, quantile=0.95))
     assert exact_quantile(tip, p95).value_mm == pytest.approx(side.p95, rel=1e-9)

@@ -37,6 +37,7 @@ from tailstack.optimisation.terms import (
     pivot_shift_of,
     terms_of,
 )
+from tailstack.propagation.linear import chain_of
 from tailstack.results import Check, Score, Verification
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import json_schema
@@ -262,7 +263,7 @@ def meet_optimiser(own: Subject, measure: Measure) -> None:
     demand = next(each for each in problem.demands if each.requirement.name == measure.name)
     term, laid = terms_of(problem, demand), lay(problem, plain(problem.system.fiducials_mm), mechanics)
     found = image_parts_at(problem.estimation, term, laid, projections, told, plain(term.reconstructed_mm)).numbers
-    model, _ = linearise_demand(problem.system, demand)
+    model, _ = linearise_demand(chain_of(problem.system), demand)
     wanted = image_parts(model, measure.name).numbers
     np.testing.assert_allclose(np.asarray(found, float), wanted, rtol=1e-7, atol=1e-12)
     levers = np.vstack([block.gain(measure.name).T for block in model.blocks if block.effect.way == "link"])

@@ -24,6 +24,7 @@ from ..geometry.arrays import Array
 from ..geometry.camera import principal_ray
 from ..geometry.rotation import unit
 from ..measures import PointError
+from ..propagation.linear import chain_of
 from ..results import GlobalBound
 from ..results.verdicts import P95
 from ..system import ESTIMATORS, Requirement, Way
@@ -202,7 +203,7 @@ def floor_of(problem: PlacementProblem, target: str) -> float:
     term = next(term for term in every_terms(problem) if term.demand.site.name == target)
     information = information_of(problem, term)
     slopes = target_slopes(information).moved[0]
-    model, _ = linearise_demand(problem.system, term.demand)
+    model, _ = linearise_demand(chain_of(problem.system), term.demand)
     behind = tuple(block for block in model.blocks if block.effect.way is Way.LINK)
     law = declared_law(replace(model, blocks=behind), term.demand.requirement.error, np.zeros(3))
     images = term.to_error @ np.linalg.inv(slopes.T @ slopes) @ term.to_error.T

@@ -21,6 +21,7 @@ from scipy.special import ndtri
 
 from ..contributors import WorstCase, columns_of
 from ..geometry.arrays import Array
+from ..levels import Drawn
 from ..propagation.linear import ErrorModel
 from ..system import Law
 from ..tail.approximation import KAPPA4, KAPPA6, columns_in_cumulants, pearson_square
@@ -108,10 +109,10 @@ class ClosedLimits:
         by_c3 = 6 * (c_s * c_s).sum(axis=1) + 12 * length * (s * (offset @ c_s)).sum(axis=1) + 3 * d * d_3[:, None]
         return _pearson((c1, c2, c3), (2 * (s * s).sum(axis=1) + d, by_c2, by_c3), self.normal_of_shots[own])
 
-    def anchor(self, half_width: Array, ratios: Array) -> None:
-        """Lead each through its value over its limit (T,) as read at half-widths (K,); NaN: it was not read."""
-        here, _ = self.log_squares(half_width)
-        self.level[:] += np.where(np.isnan(ratios), 0.0, 2 * np.log(np.maximum(ratios, LEAST)) - here)
+    def anchor(self, logs: Array, ratios: Array) -> None:
+        """Lead each through its value over its limit (T,) as read where the squares had these logarithms (T,); NaN: it
+        was not read."""
+        self.level[:] += np.where(np.isnan(ratios), 0.0, 2 * np.log(np.maximum(ratios, LEAST)) - logs)
 
     def turn(self, t: int, half_width: Array, slopes: Array) -> None:
         """Give one, at half-widths (K,), the slopes (K,) that were read there of the logarithm of its value."""
@@ -135,17 +136,28 @@ def close_limits(
     half_width: Array,
 ) -> ClosedLimits:
     """Of limits (T), their linear models, where in each the half-widths are, and the worst ends at half-widths (K,)."""
-    parts = [_part(*each, half_width) for each in zip(demands, models, places, ends, strict=True)]
+    parts, known = [], dict[tuple[object, ...], tuple[Array, ...]]()
+    for demand, model, own, worst in zip(demands, models, places, ends, strict=True):
+        row = demand.requirement
+        key = id(model), row.error, row.level, worst.mean_mm.tobytes()
+        if key not in known:
+            known[key] = _moments(model, row.error, row.level, own, worst, half_width)
+        least = (LEAST * row.limit) ** 2 * np.eye(3)
+        mean, covariance, *others, shot, shot_gains = known[key]
+        level = demand.fraction if demand.nested else sum(level * weight for level, weight in row.mixture)
+        normal = ndtri(max(level, LEAST_LEVEL)), ndtri(row.quantile)
+        law = mean, covariance + least, *others, normal[0], shot + least, shot_gains, normal[1]
+        parts.append((*law, demand.nested, row.limit, 0.0, np.zeros(len(half_width))))
     stacked: list[Any] = [np.array(each) for each in zip(*parts, strict=True)]
     return ClosedLimits(*stacked)
 
 
-def _part(
-    demand: QuantileConstraint, model: ErrorModel, places: Sequence[Place], worst: WorstCase, half_width: Array
-) -> tuple[Array | float, ...]:
-    """The fields of one limit, in their order."""
-    columns, first = columns_of(model, demand.requirement.error), np.cumsum([0, *(len(b.laws) for b in model.blocks)])
-    held = columns.constant_in(demand.level) if demand.nested else np.full(len(columns.kinds), True)
+def _moments(
+    model: ErrorModel, error: str, level: Drawn | None, places: Sequence[Place], worst: WorstCase, half_width: Array
+) -> tuple[Array, ...]:
+    """The fields of a limit on an error that are of its law, in their order."""
+    columns, first = columns_of(model, error), np.cumsum([0, *(len(block.laws) for block in model.blocks)])
+    held = columns.constant_in(level) if level else np.full(len(columns.kinds), True)
     own, fixed = np.array([first[b] + j for b, j in places]), np.full(len(columns.kinds), True)
     fixed[own] = False
     scaled = columns.gain * columns.std
@@ -157,23 +169,15 @@ def _part(
             signs[k] = worst.signs.get((model.blocks[b].contributor, j), 1.0)
     still, shot, wide = scaled[rows][:, fixed & held], scaled[rows][:, fixed & ~held], fixed & held & columns.wide
     std = np.array([model.blocks[b].effect.sources.std_per_half_width[j] for b, j in places])
-    row = demand.requirement
-    level = demand.fraction if demand.nested else sum(level * weight for level, weight in row.mixture)
     return (
         worst.mean_mm[rows] - (gain * signs) @ half_width,
-        still @ still.T + (LEAST * row.limit) ** 2 * np.eye(3),
+        still @ still.T,
         *columns_in_cumulants((columns.gain * columns.half_width)[rows][:, wide], columns.kinds[wide]),
         gain * signs,
         np.where(stays & (signs == 0), gain, 0.0),
         std,
         np.where(kinds >= 0, np.array(KAPPA4)[kinds], 0.0),
         np.where(kinds >= 0, np.array(KAPPA6)[kinds], 0.0),
-        float(ndtri(max(level, LEAST_LEVEL))),
-        shot @ shot.T + (LEAST * row.limit) ** 2 * np.eye(3),
+        shot @ shot.T,
         np.where(stays, 0.0, gain * std),
-        float(ndtri(row.quantile)),
-        demand.nested,
-        row.limit,
-        0.0,
-        np.zeros(len(places)),
     )

@@ -24,7 +24,7 @@ from ..contributors import Columns, WorstCase, columns_of, declared_law, law_of,
 from ..geometry.arrays import Array
 from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
-from ..propagation.linear import ErrorModel
+from ..propagation.linear import ErrorModel, chain_of
 from ..results.verdicts import P95
 from ..system import ArrayLike, Effect, Law, Place, Requirement, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
@@ -102,7 +102,7 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     score reports.  Raises IllPosedError or NotConvergedError."""
     requirement = terms.demand.requirement
     system = without_fiducials(apply_choice(problem, choice), terms.demand.lost)
-    model = at_ends(linearise_demand(system, terms.demand)[0], terms.demand.ends)
+    model = at_ends(linearise_demand(chain_of(system), terms.demand)[0], terms.demand.ends)
     exact = exact_quantile(model, terms.demand)
     sources = (*terms.sources, *terms.common)
     keys = [(sources[b].contributor, sources[b].index) for b in terms.at_ends]
@@ -349,13 +349,13 @@ def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choi
 def p95_of(system: System, demands: Sequence[QuantileConstraint]) -> list[float]:
     """P95 of each error to first order, pooled, whatever its requirement limits; of all shots, those that miss
     fiducials among them, where that is known.  Raises IllPosedError."""
-    search, values = search_losses(system), []
+    search, chain, values = search_losses(system), chain_of(system), []
     for demand in demands:
         wanted = replace(demand.requirement, quantile=P95, risk="pooled", min_yield=None, statistic="quantile")
         if search is not None and demand.is_point:
             values.append(search.shots(demand.site.name, wanted.error, P95).value(P95))
         else:
-            model, _ = linearise_demand(system, demand)
+            model, _ = linearise_demand(chain, demand)
             values.append(exact_quantile(model, replace(demand, requirement=wanted)).value_mm)
     return values
 

@@ -20,7 +20,7 @@ from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedEr
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..levels import Drawn
-from ..propagation.linear import ErrorModel, effects_of_images, with_perfect_fiducials
+from ..propagation.linear import ErrorModel, chain_of, effects_of_images, with_perfect_fiducials
 from ..results import Finding
 from ..results.digits import at_least, at_most, number
 from ..system import Requirement, System, Way
@@ -337,7 +337,7 @@ def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | 
     if is_singular(problem.system, problem.system.fiducials_mm):
         return None
     try:
-        model, _ = linearise_demand(apply_choice(problem, choice), demand)
+        model, _ = linearise_demand(chain_of(apply_choice(problem, choice)), demand)
     except IllPosedError:  # as drawn, the layout has no answer: there is nothing to compare with
         return None
     now = exact_quantile(model, demand).value_mm

@@ -19,7 +19,7 @@ from ..errors import DesignError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..losses import without_fiducials
-from ..propagation.linear import ErrorModel
+from ..propagation.linear import Chain, ErrorModel, chain_of
 from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
@@ -46,7 +46,7 @@ SHORT = 1.2e-5  # of a limit: a value no farther below it is there
 EXACT, TRIES = 1e-9, 50  # of a limit: how far the model is solved, and how many steps that may take
 LARGEST = 300.0  # logarithm of a multiplier at which everything is at its least
 MOST_STEPS = 40
-SETTLED = 1e-4  # relative step of half-widths by which closed forms are solved: the cost is wrong by the square
+SETTLED, ROUGHLY = 1e-4, 1e-2  # relative steps of half-widths by which closed forms are solved, and before a reading
 STAYS = 0.06  # relative change of half-widths, after which slopes by them are still good
 NEARLY, CLOSELY = 0.02, 0.1  # of a limit: a value no farther below it may hold the cost up; in closed form
 BINDS = 1e-4  # relative: a value so near its limit holds the cost up
@@ -205,11 +205,14 @@ class _Reading:
 def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) -> list[_Held]:
     """Linearised once for all limits of one error.  Raises IllPosedError."""
     models: dict[tuple[object, ...], ErrorModel] = {}
+    chains: dict[tuple[str, ...], Chain] = {}
     held = []
     for demand in demands:
+        if demand.lost not in chains:
+            chains[demand.lost] = chain_of(without_fiducials(problem.system, demand.lost))
         key = demand.requirement.error, demand.site.name, demand.place, demand.lost
         if key not in models:
-            models[key], _ = linearise_demand(without_fiducials(problem.system, demand.lost), demand)
+            models[key], _ = linearise_demand(chains[demand.lost], demand)
         model = models[key]
         at = {(o.contributor, name): (b, j) for b, o in enumerate(model.blocks) for j, name in enumerate(o.components)}
         own = tuple(at[free.contributor, free.component] for free in problem.half_widths)
@@ -220,7 +223,8 @@ def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) 
 class _Readings:
     """Limits at half-widths (K,), each read when it is asked for.
 
-    before: others nearby, whose readings do for limits that are far from reached.
+    before: others nearby, whose readings do for limits that are far from reached.  Wider half-widths, times t > 1, make
+    of an error m + u at most ``t |m + u| + (t - 1) |m|``, and |m| is at most its median; with room nothing bounds it.
     """
 
     def __init__(
@@ -231,9 +235,9 @@ class _Readings:
         self._mounts = {mount.name: mount for mount in system.interfaces}
         self.read: dict[int, _Reading] = {}
         for t, each in before.read.items() if before else ():
-            apart = float(np.abs(np.log(half_width / each.half_width)).max())  # no value changes by more
-            moved = replace(each, doubt=each.doubt + 2 * apart)
-            if not moved.may_reach(1 - NEARLY):
+            apart = float(np.abs(np.log(half_width / each.half_width)).max())
+            moved = replace(each, doubt=each.doubt + 2 * np.expm1(apart))
+            if each.model.room is None and not moved.may_reach(1 - NEARLY):
                 self.read[t] = moved
 
     def at(self, t: int, *, fine: bool) -> _Reading:
@@ -276,21 +280,22 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
         problem.lower,
     )
     search = _Search(curves_of([free.price for free in problem.half_widths]), problem.lower, problem.upper, closed)
-    found, _ = search.solve(np.clip(present_choice(problem).half_width, problem.lower, problem.upper))
+    found, _ = search.solve(np.clip(present_choice(problem).half_width, problem.lower, problem.upper), ROUGHLY)
     readings, turned_at = None, dict[int, tuple[Array, float]]()
     for steps in range(MOST_STEPS):
         exactly = steps > 0
-        found = _round(problem, found) if exactly else found
+        aimed, found = found, _round(problem, found) if exactly else found
         readings = _Readings(problem, held, found, readings)
-        near = np.exp(closed.log_squares(found)[0] / 2) >= 1 - (NEARLY if exactly else CLOSELY)
+        logs, _ = closed.log_squares(found)
+        near = np.exp(logs / 2) >= 1 - (NEARLY if exactly else CLOSELY)
         ratios = np.full(len(held), np.nan)
         for t in np.flatnonzero(near | exactly).tolist():
             each = readings.at(t, fine=exactly and bool(near[t]))
-            if exactly and each.may_reach(1.0):
+            if exactly and each.may_reach(1 - NEARLY):  # known exactly it may do for the next half-widths, too
                 each = readings.at(t, fine=True)
             if each.half_width is found:
                 ratios[t] = each.ratio
-        closed.anchor(found, ratios)
+        closed.anchor(logs, ratios)
         end, binding = search.solve(found)
         turned = False
         for t in binding if exactly else []:
@@ -302,8 +307,10 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
             end, _ = search.solve(found)
         elif exactly:
             largest = max(readings.at(t, fine=False).ratio for t in range(len(held)))
-            still = bool(np.abs(np.log(end / found)).max() <= AIM)
-            if largest <= 1 and (largest >= 1 - SHORT or still):
+            foreseen = np.abs(np.log(end / aimed)).max() <= SETTLED and all(
+                abs(2 * np.log(ratios[t]) - logs[t]) <= AIM for t in binding
+            )
+            if largest <= 1 and (largest >= 1 - SHORT or foreseen):  # what is left is what was rounded down
                 return readings
         found = end
     detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
@@ -319,9 +326,9 @@ class _Search:
     upper: Array  # (K,)
     closed: ClosedLimits
 
-    def solve(self, half_width: Array) -> tuple[Array, list[int]]:
+    def solve(self, half_width: Array, settled: float = SETTLED) -> tuple[Array, list[int]]:
         """(half-widths (K,), which limits hold the cost up), from some half-widths: the squares are taken to be linear
-        in the squares of half-widths, as a mean square is, again where that led until it stands still.
+        in the squares of half-widths, as a mean square is, again where that led until it is settled.
 
         From the second step on by the mixture of two that leaves least of both (Anderson 1965, Journal of the ACM 12,
         547-560): such steps creep, and some swing.
@@ -334,7 +341,7 @@ class _Search:
             fixed = squares - linear @ half_width**2
             end = np.log(_Model(self.curves, self.lower, self.upper, fixed, linear).solve(multipliers))
             move = end - np.log(half_width)
-            if np.abs(move).max() <= SETTLED:
+            if np.abs(move).max() <= settled:
                 break
             other = move - moved
             back = float(move @ other) / max(float(other @ other), 1e-300) if step else 0.0

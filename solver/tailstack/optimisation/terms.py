@@ -28,6 +28,7 @@ from ..propagation.columns import gains_of_images
 from ..propagation.linear import (
     UNJUDGED,
     Block,
+    Chain,
     ErrorModel,
     KnownShift,
     LinearModel,
@@ -250,7 +251,7 @@ class _Parts:
 
 
 def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint) -> _Parts:
-    free, points = linearise_demand(apply_choice(problem, choice), demand)
+    free, points = linearise_demand(chain_of(apply_choice(problem, choice)), demand)
     model, error = at_ends(free, demand.ends), demand.requirement.error
     gains = [block.gain(error).T for block in model.blocks if _is_constant(block)]
     stacked = np.vstack(gains) if gains else np.zeros((0, 3))
@@ -259,9 +260,8 @@ def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint
     return _Parts(free, model, points, (reconstructed, bias, stacked))
 
 
-def linearise_demand(system: System, demand: QuantileConstraint) -> tuple[ErrorModel, tuple[LinearModel, ...]]:
+def linearise_demand(chain: Chain, demand: QuantileConstraint) -> tuple[ErrorModel, tuple[LinearModel, ...]]:
     """The linear model of what is limited, and that of each target, not judged.  Raises IllPosedError."""
-    chain = chain_of(system)
     models = {target.name: linearise_at(chain, target, UNJUDGED) for target in demand.targets}
     points = tuple(models.values())
     return points[0] if demand.is_point else join(models, demand.measure, demand.site), points

@@ -212,6 +212,7 @@ class Chain:
     mounts: Mounts
     matrix_gains: tuple[MatrixGains, ...]  # of the resected matrices (``nonlinearity.view_matrix_gains``)
     matrix_covariance: Array  # (12 V, 12 V) of them (``nonlinearity.matrix_covariance``)
+    of_images: tuple[Effect, ...]  # ``effects_of_images``
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
@@ -299,7 +300,7 @@ def chain_of(system: System) -> Chain:
         system.manufacturing_std_mm,
         system.believed_errors,
     )
-    return Chain(system, imaging, system.sees, mounts, gains, covariance)
+    return Chain(system, imaging, system.sees, mounts, gains, covariance, effects_of_images(system))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -458,8 +459,8 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | ValidityGrou
         hint = "run `tailstack validate` for the direction that is not determined"
         raise IllPosedError(Problem("/fiducials", "singular-layout", detail, hint))
 
-    gains = images.by_effect(system) | passage.mount_gains(system)
-    in_order = (*effects_of_images(system), *system.links, *system.shared_image_errors)
+    gains = images.by_effect(chain) | passage.mount_gains(system)
+    in_order = (*chain.of_images, *system.links, *system.shared_image_errors)
     blocks = [Block(effect, gains[effect.name]) for effect in in_order if effect.sources.count]
     known = images.known_shifts(system)
     unimaged = {"tcp": passage.tcp_bias_mm, "localisation": passage.localisation_bias_mm}
@@ -507,7 +508,7 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
     at_rest (3, M): of single images (``columns.assemble``).
     """
     system, mount = chain.system, chain.system.structure_connector
-    spread = np.concatenate([each.sources.spread for each in effects_of_images(system)])
+    spread = np.concatenate([each.sources.spread for each in chain.of_images])
     axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
     square, still = 0.0, np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2, 0))
     for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
@@ -600,9 +601,9 @@ class ImageGains(NamedTuple):
     shifts: Array  # (V, 2 N + 2, C + E) px (``systematic.shift_together``)
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
 
-    def by_effect(self, system: System) -> dict[str, dict[str, Array]]:
+    def by_effect(self, chain: Chain) -> dict[str, dict[str, Array]]:
         """The gains (3, k) of the sources of each effect, by its name, on both errors at the target."""
-        effects = (*effects_of_images(system), *system.shared_image_errors)
+        effects = (*chain.of_images, *chain.system.shared_image_errors)
         ends = np.cumsum([each.sources.count for each in effects])
         parts = (np.split(gains, ends, axis=1) for gains in (self.localisation, self.tcp))
         pairs = zip(effects, *parts, strict=False)
