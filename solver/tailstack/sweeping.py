@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from math import hypot, isfinite, prod
 from typing import Any, Literal
 
+import numpy as np
+
 from .design import Design, compile_design, load_design
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, name_of, pointer_of, set_numbers, value_at
@@ -126,7 +128,9 @@ def sweep_points(
     threads: int | None = None,
 ) -> tuple[SweepPoint, ...]:
     """Points of the grid by their numbers, the last axis running fastest."""
-    return tuple(_compute_point(design, axes, _values_at(axes, number), check, threads) for number in numbers)
+    places = (np.unravel_index(number, [len(axis.values) for axis in axes]) for number in numbers)
+    points = (tuple(axis.values[k] for axis, k in zip(axes, place, strict=True)) for place in places)
+    return tuple(_compute_point(design, axes, values, check, threads) for values in points)
 
 
 def _compute_point(
@@ -227,11 +231,3 @@ def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
         raise SweepError(Problem(where, "wrong-type", f"expected a finite number; got {value!r:.40}"))
     return float(value)
-
-
-def _values_at(axes: Sequence[VariedNumber], number: int) -> tuple[float, ...]:
-    values = []
-    for axis in reversed(axes):
-        number, place = divmod(number, len(axis.values))
-        values.append(axis.values[place])
-    return tuple(reversed(values))

@@ -52,8 +52,8 @@ from .lattice import (
     reach_of,
     sum_of_products,
 )
-from .pairs import LOG2_POINTS, LOG2_RARE, SMALLEST_MM, PairGradient, PairSample, mean_and_error, sample_pair
-from .sampling import Sample, sample
+from .pairs import LOG2_POINTS, LOG2_RARE, SMALLEST_MM, PairGradient, PairSample, sample_pair
+from .sampling import Sample, mean_and_error, sample
 
 _WIDTHS = np.array([PARTS[law] for law in SUMS])  # (laws, 2)
 _VARIANCES = (_WIDTHS**2).sum(axis=1) / 3
@@ -554,18 +554,13 @@ class PairLaw:
     def column_gradient(self, mixture: Quantiles) -> Array | None:
         whole = np.zeros_like(self.law.columns)
         for total, weight in mixture:
-            if (slopes := self._column_gradient_of(total)) is None:
+            end, at, scale = self._alone_at(total)
+            if not total.quantile_mm or (found := end.column_gradient([(at, 1.0)])) is None:
                 return None
-            whole += weight * slopes
+            own = np.zeros_like(self.law.columns)
+            own[self._rows] = found * (-at.density * scale[self._rows, None])
+            whole += weight * ((own - self._slopes(total).by_columns) * (-1.0 / total.density))
         return whole
-
-    def _column_gradient_of(self, total: LawQuantile) -> Array | None:
-        r, own = total.quantile_mm, np.zeros_like(self.law.columns)
-        end, at, scale = self._alone_at(total)
-        if (found := end.column_gradient([(at, 1.0)])) is None:
-            return None
-        own[self._rows] = found * (-at.density * scale[self._rows, None])
-        return np.asarray((own - self._slopes(total).by_columns) * (-1.0 / total.density)) if r else None
 
     def _slopes(self, total: LawQuantile) -> PairGradient:
         """Of what the other adds."""

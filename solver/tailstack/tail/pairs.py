@@ -22,7 +22,7 @@ from ..geometry.arrays import Array
 from ..kernels.store import kernel
 from ..laws import shape_deviates
 from ..measures.corridor import radius_within
-from .sampling import RANDOMISATIONS, sobol_points
+from .sampling import sobol_points
 
 LOG2_POINTS, LOG2_RARE = 10, 14  # of each scrambling; the second for probabilities that few rays meet
 _SAME = 1e-12  # relative: a variance that small beside the largest is rounding
@@ -143,12 +143,6 @@ def lengths_of(pairs: Array, room: Array | None) -> Array:
         return np.asarray(np.sqrt((pairs.reshape(-1, 2, 3) ** 2).sum(axis=2)).max(axis=1))
     each = [radius_within(pairs[:, k].T, room[k]) for k in (slice(0, 3), slice(3, 6))]
     return np.maximum(*each)
-
-
-def mean_and_error(values: Array) -> tuple[float, float]:
-    """The mean over rays (n,), and its standard error from the means of the scramblings."""
-    blocks = values.reshape(RANDOMISATIONS, -1).mean(axis=1)
-    return float(blocks.mean()), float(blocks.std(ddof=1)) / sqrt(RANDOMISATIONS)
 
 
 @kernel()

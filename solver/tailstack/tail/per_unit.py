@@ -51,7 +51,8 @@ from ..laws import shape_deviates
 from .approximation import pearson_square
 from .declared import LawGradient, LawQuantile, LinearLaw, OneSidedLaw, law_cdf, law_gradient, law_quantile
 from .gaussian import norm_gradient_jit, norm_quantile_jit, norm_quantiles, probability_iv
-from .pairs import PairSample, lengths_of, mean_and_error, sample_pair
+from .pairs import PairSample, lengths_of, sample_pair
+from .sampling import mean_and_error
 
 BLOCKS = 16
 CORRECTED = 12  # units whose declared law is solved where a shot has bounded columns

@@ -56,9 +56,10 @@ def sobol_points(normals: int, uniforms: int, log2_count: int) -> tuple[Array, A
     return z, u
 
 
-def _block_error(values: Array) -> float:
-    """Standard error of the mean of values (n,), one a point, from the means of the scramblings."""
-    return float(values.reshape(RANDOMISATIONS, -1).mean(axis=1).std(ddof=1)) / sqrt(RANDOMISATIONS)
+def mean_and_error(values: Array) -> tuple[float, float]:
+    """The mean of values (n,), one a point, and its standard error from the means of the scramblings."""
+    blocks = values.reshape(RANDOMISATIONS, -1).mean(axis=1)
+    return float(blocks.mean()), float(blocks.std(ddof=1)) / sqrt(RANDOMISATIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +162,7 @@ class Sample:
             )
             hint = "one tolerance is out of all proportion to the others: see that it is what you mean"
             raise NotConvergedError(Problem("", "tail-not-converged", detail, hint))
-        return r, density, hypot(_block_error(self.shares(r)), self.folded) / density
+        return r, density, hypot(mean_and_error(self.shares(r))[1], self.folded) / density
 
     def gradient(self, r: float, h: Array) -> tuple[Array, Array, Array]:
         """(dr by the mean (3,), by the Gaussian covariance (3, 3), by the logarithm of each column's length (K,)).
