@@ -443,7 +443,11 @@ class _RowLoop:
         self.together = None if moved and system.shared_image_errors else self._move_together([system])
         assumed = [each for each in system.believed_errors if each is not None]
         self.scalar = (*assumed, *system.links, *system.shared_image_errors)  # whose sources have a half-width each
-        self.widths = [_per_half_width(effect.sources) for effect in self.scalar]
+        # the spread of each source in its half-widths, as ``assemble_law`` takes it
+        self.widths = [
+            np.where([law is Law.NORMAL for law in effect.sources.laws], effect.sources.std_per_half_width, 1.0)
+            for effect in self.scalar
+        ]
         law, count = system.manufacturing_law, len(system.fiducials_mm)
         self.made = std_per_half_width(law, system.manufacturing_coverage_factor) if law is Law.NORMAL else 1.0
         laws = [Law.NORMAL] * (len(system.views) * (2 * count + 2)) + [law] * (3 * count)
@@ -528,7 +532,8 @@ class _RowLoop:
         gains = list(way.mount_gains(system).values())
         noise = np.stack(np.broadcast_arrays(read("fiducial_noise_px"), read("target_noise_px")), axis=2)
         precision = imaging.estimation.precision * noise[:, :, :1] ** 2
-        shifts, at_flange = self.together or self._move_together(_systems(system, numbers))
+        moved = (dict(zip(numbers, row, strict=True)) for row in zip(*numbers.values(), strict=True))
+        shifts, at_flange = self.together or self._move_together([put_numbers(system, each) for each in moved])
         widths = zip(self.scalar, self.widths, strict=True)
         rows = CompiledRows(
             projections=np.ascontiguousarray(projections),
@@ -590,18 +595,6 @@ class _RowLoop:
         both = (np.reshape(each, (*lead, *each[0].shape)) for each in zip(*shifts, strict=True))
         of_images, of_flange = (np.ascontiguousarray(np.swapaxes(each, 0, 1)) for each in both)
         return of_images, of_flange
-
-
-def _systems(system: System, numbers: Numbers) -> list[System]:
-    """The system of each row."""
-    rows = zip(*numbers.values(), strict=True)
-    return [put_numbers(system, dict(zip(numbers, row, strict=True))) for row in rows]
-
-
-def _per_half_width(sources: Sources) -> Array:
-    """(k,) the spread of each source in its half-widths: as ``assemble_law`` takes it."""
-    normal = [law is Law.NORMAL for law in sources.laws]
-    return np.where(normal, sources.std_per_half_width, 1.0)
 
 
 def _alike(arrays: Sequence[Array]) -> list[Array]:

@@ -408,10 +408,10 @@ def _open_table(
         cells = cells[:-1]
     trailing = len(header.cells) - len(cells)
     following = next((line for line in contents_of if line.number > begins), None)
+    stated = [] if following is None else [clean_unit(cell) for cell in following.cells]
     units = None
-    if following is not None and _is_unit_row(following.cells, len(header.cells)):
-        units = tuple(clean_unit(cell) for cell in [*following.cells, *[""] * len(cells)][: len(cells)])
-        begins = following.number
+    if following and len(stated) == len(header.cells) and any(stated) and UNITS.issuperset(filter(None, stated)):
+        units, begins = tuple(stated[: len(cells)]), following.number
     units_line = begins if units else 0
     remarks = [each for each in above if each[0] <= begins and each[0] != header.number]
     table = PeopleTable(
@@ -490,11 +490,6 @@ def _refuse_spaces(contents: list[TextLine], header: TextLine, refuse: Callable[
         if len(words) > 1 and len(line.cells) == 1 and all(map(looks_like_number, words)):
             hint = "separate them by commas: numpy.savetxt(file, table, delimiter=',', header='x_mm,y_mm,z_mm')"
             raise refuse("csv-header", f"cells are separated by spaces: {quote(line.text)}", hint, header.number)
-
-
-def _is_unit_row(cells: Sequence[str], width: int) -> bool:
-    units = {clean_unit(cell) for cell in cells} - {""}
-    return len(cells) == width and bool(units) and units <= UNITS
 
 
 def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: int) -> Iterator[tuple[int, list[str]]]:

@@ -612,18 +612,20 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
     plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
     basis = basis_of("Monte Carlo", ready.system)
     radial_precision = sampling.precision if sampling.method == "radial" else None
+    first, traits = next(iter(sampled.samples.values())).reprojection_px, ready.system.estimator.traits
+    off_px = np.zeros(1) if first is None else first
     return Verification(
         schema="tailstack/verification/1",
         seed=sampling.seed,
         trials=max(sample.trials for sample in sampled.samples.values()),
         method=sampling.method,
-        engine=_name_engine(ready.system),
+        engine=LEAST_SQUARES_LANES.format(traits.seeks) if traits.unknowns else LANES,
         precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=sampled.precision_reached,
         stopping=sampled.stopping + _explain_vertices(ready),
         targets=targets,
-        reprojection=_summarise_reprojection(sampled),
+        reprojection=Reprojection(len(off_px), float(off_px.mean()), float(np.quantile(off_px, P95))),
         first_order_ratio=worst.first_order_ratio,
         verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
@@ -680,11 +682,6 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
             value=drawn.trials_without_answer / drawn.trials,
         ),
     )
-
-
-def _name_engine(system: System) -> str:
-    traits = system.estimator.traits
-    return LEAST_SQUARES_LANES.format(traits.seeks) if traits.unknowns else LANES
 
 
 def _estimate_quantile(
@@ -781,12 +778,6 @@ def _count_breaches(ready: PreparedDesign, sampled: SampledDesign, metric: Metri
         most = max(each, key=lambda exceedance: exceedance.probability)
         found.append(Breach(beyond_mm, most.probability, most.interval))
     return tuple(found)
-
-
-def _summarise_reprojection(sampled: SampledDesign) -> Reprojection:
-    reprojection_px = next(iter(sampled.samples.values())).reprojection_px
-    values = np.zeros(1) if reprojection_px is None else reprojection_px
-    return Reprojection(len(values), float(values.mean()), float(np.quantile(values, P95)))
 
 
 def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: UnitQuantiles) -> tuple[Check, ...]:

@@ -6,7 +6,7 @@ matrix of numbers; a text (a preset, a law) counts where a pointer names it itse
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ..cures import find_nearest
@@ -21,8 +21,10 @@ _NO_VALUES = ("schema", "document", FIELD)  # fields of a design that say nothin
 
 def list_assumed(data: dict[str, Any]) -> tuple[str, ...]:
     """A pointer to each assumed value of a document whose list is in order, in the order of the list."""
-    pointers = (each for pointer in data.get(FIELD, ()) for each in _values_below(data, pointer))
-    return tuple(dict.fromkeys(pointers))
+    found: list[str] = []
+    for pointer in data.get(FIELD, ()):
+        found += [*_numbers_below(value_at(data, find_places(data, pointer)[0]), pointer)] or [pointer]
+    return tuple(dict.fromkeys(found))
 
 
 def check_assumed(data: dict[str, Any]) -> Iterator[Problem]:
@@ -83,11 +85,6 @@ def _leave(data: Any, pointers: Iterable[str], stated: str) -> list[str]:
 
 def _covers(pointer: str, other: str) -> bool:
     return other == pointer or other.startswith(f"{pointer}/")
-
-
-def _values_below(data: Any, pointer: str) -> Sequence[str]:
-    node = value_at(data, find_places(data, pointer)[0])
-    return [pointer] if _is_value(node) else list(_numbers_below(node, pointer)) or [pointer]
 
 
 def _numbers_below(node: Any, pointer: str) -> Iterator[str]:

@@ -215,17 +215,6 @@ def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list
     return declared
 
 
-def find_correlated(document: DesignDocument, interface: str, component: str) -> bool:
-    """Whether a component of an interface goes together with others of it."""
-    held: Interface | None = getattr(document.interfaces, interface)
-    return held is not None and held.tolerances is not None and held.tolerances.is_correlated(component)
-
-
-def _refuse_correlated(pointer: str, interface: str, component: str) -> Problem:
-    detail = f"{interface} {component} is correlated with others: what a part of them costs alone is not modelled"
-    return Problem(pointer, "correlated", detail, "leave it out here: its half-width stays, and beads move under it")
-
-
 def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Problem]:
     """Requirements, tolerances, pivots and locators that the section names exist."""
     wanted = document.optimise
@@ -294,9 +283,13 @@ def _tolerances(document: DesignDocument, wanted: Optimise) -> list[Problem]:
         if free.component not in (*ROTATIONS, *TRANSLATIONS):
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
-        if find_correlated(document, free.interface, free.component):
-            problems.append(_refuse_correlated(pointer, free.interface, free.component))
-        elif interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
+        tolerances = None if interface is None else interface.tolerances
+        if tolerances is not None and tolerances.is_correlated(free.component):
+            what = f"{free.interface} {free.component} is correlated with others"
+            cure = "leave it out here: its half-width stays, and beads move under it"
+            detail = f"{what}: what a part of them costs alone is not modelled"
+            problems.append(Problem(pointer, "correlated", detail, cure))
+        elif tolerances is None or getattr(tolerances, free.component) is None:
             detail = f"{free.interface} declares no tolerance for {free.component}: its law is not known"
             cure = f"add interfaces/{free.interface}/tolerances/{free.component}"
             problems.append(Problem(pointer, "unknown-name", detail, cure))

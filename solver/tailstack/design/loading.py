@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -167,7 +168,8 @@ def read_source(
         return source
     if isinstance(source, Mapping):
         return DocumentSource(plain_data(source, limits), None, base_directory)
-    if isinstance(source, str) and _is_path(source):
+    # no design fits on one short line, and no path has a line break
+    if isinstance(source, str) and len(source) <= 1000 and not re.search(r"[\n\r]|^\s*{", source):
         source = Path(source)
     if isinstance(source, Path):
         name = str(source)
@@ -183,11 +185,6 @@ def read_source(
     if not isinstance(source, str):
         raise DesignError(Problem("", "wrong-type", f"a design is a path, a text or a mapping; got {show(source)}"))
     return read_text(source, limits, file=None, directory=base_directory, form=form)
-
-
-def _is_path(text: str) -> bool:
-    """No design fits on one short line, and no path has a line break."""
-    return len(text) <= 1000 and not ("\n" in text or "\r" in text or text.lstrip()[:1] == "{")
 
 
 def _check(reader: _FileReader) -> Design:

@@ -296,7 +296,10 @@ def _from_json(text: str, limits: Limits, file: str | None) -> Any:
         result = dict(items)
         mappings.append(result)
         if len(result) < len(items):
-            raise DesignError(_duplicate(find_repeated(items), text, file))
+            key = find_repeated(items)
+            at = text.rfind(write_json(key))  # the last time
+            line, what = text.count("\n", 0, at) + 1 if at >= 0 else None, f"the field {key[:60]!r} is given twice"
+            raise DesignError(Problem("", "duplicate-key", what, "keep one of them", file, line))
         return result
 
     try:
@@ -320,13 +323,6 @@ def _shallow(data: Any, depth: int) -> bool:
         if not level:
             return True
     return False
-
-
-def _duplicate(key: str, text: str, file: str | None) -> Problem:
-    """Find the line of a JSON key that occurs twice (its last occurrence)."""
-    at = text.rfind(write_json(key))
-    line = text.count("\n", 0, at) + 1 if at >= 0 else None
-    return Problem("", "duplicate-key", f"the field {key[:60]!r} is given twice", "keep one of them", file, line, None)
 
 
 LONGEST_KEY = 100  # characters; keys end up in pointers

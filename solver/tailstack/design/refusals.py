@@ -194,7 +194,9 @@ def _translate(entry: Any, root: type[BaseModel], data: Any) -> Problem:
             return replace(problem, fix=(Edit("replace", problem.pointer, meant[1]),))
         info = _field_at(raw, root)
         if not isinstance(value, str) or not problem.hint:
-            problem, hint = replace(problem, hint=""), _explain_choice(info)
+            words = (info and info.description) or ""  # what each word of a choice means, where its field says it
+            hint = words if len(re.findall(r"\w+(?: \(default\))?: ", words)) > 1 else ""
+            problem = replace(problem, hint="")
     return replace(problem, hint=problem.hint or hint)
 
 
@@ -354,7 +356,8 @@ def _kind_at(raw: Sequence[str | int], root: type[BaseModel]) -> Any:
                 return None
             here = fields[str(step)].annotation
         else:
-            here = _inner(here, isinstance(step, int))
+            inside = get_args(here) if isinstance(step, int) else ()
+            here = inside[0] if inside else None
         here = _unwrap(here)
     return here
 
@@ -371,11 +374,6 @@ def _unwrap(kind: Any) -> Any:
             kind = rest[0]
         else:
             return kind
-
-
-def _inner(kind: Any, indexed: bool) -> Any:
-    arguments = get_args(_unwrap(kind))
-    return arguments[0] if indexed and arguments else None
 
 
 def _refuse_unknown(
@@ -420,12 +418,6 @@ def records_on(data: Any, path: Sequence[str | int]) -> tuple[dict[str, Any], di
 
 
 _OF_PRESETS = ("source_detector_mm", "source_isocentre_mm", "pixel_mm", "image_size_px")
-
-
-def _explain_choice(info: FieldInfo | None) -> str:
-    """What each word of a choice means; empty where its field does not say."""
-    text = (info and info.description) or ""
-    return text if len(re.findall(r"\w+(?: \(default\))?: ", text)) > 1 else ""
 
 
 def _example(raw: Sequence[str | int], root: type[BaseModel]) -> str:

@@ -83,7 +83,10 @@ class _Editor:
         added = {name: value for name, value in new.items() if name not in old and name not in names}
         gone = [name for name in names if name in old and name not in new]
         if not node.flow and added and gone:  # what comes in place of something stands in its place
-            self._put_lines(*fields[gone.pop(0)], added)
+            key, part = fields[gone.pop(0)]
+            indent = self._column(key.start)
+            lines = dump_block(added, indent)[indent:].removesuffix("\n")
+            self.replacements.append((key.start, self._end_of_line(part.end), lines))
             added = {}
         if (added or gone) and node.flow:
             self._replace(node, new)
@@ -96,12 +99,6 @@ class _Editor:
                 self._drop_lines(key.start, part.end)
             elif name in old and name in new:
                 self.revise(part, old[name], new[name])
-
-    def _put_lines(self, key: TextPosition, part: TextPosition, added: dict[str, Any]) -> None:
-        """Fields in the place of another one."""
-        indent = self._column(key.start)
-        written = dump_block(added, indent)
-        self.replacements.append((key.start, self._end_of_line(part.end), written[indent:].removesuffix("\n")))
 
     # --- lists ------------------------------------------------------------------------------------------------
 

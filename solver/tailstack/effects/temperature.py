@@ -84,17 +84,10 @@ class ThermalEffect(Effect):
     flange_seat_mm: ArrayLike  # (3,) con: where the connector sits on the flange
     at_pivots: tuple[bool, bool] = (False, False)  # whether the two are the pivots of the interfaces, and go with them
 
-    @property
-    def connector_mm_per_k(self) -> ArrayLike:
-        """(3,) con: how the structure's seat moves away from the flange's."""
-        return np.asarray(self.connector_per_k * (self.seat_mm - self.flange_seat_mm))
-
     def act(self, scene: Scene) -> tuple[Act, ...]:
         grown = self.structure_per_k * (scene.fiducials_mm - self.seat_mm)
-        return (
-            Act(Place.BEADS, None, grown.reshape(-1, 1)),
-            Act(Place.CONNECTOR, None, -self.connector_mm_per_k[:, None]),
-        )
+        apart = self.connector_per_k * (self.seat_mm - self.flange_seat_mm)  # how the seats move away from one another
+        return Act(Place.BEADS, None, grown.reshape(-1, 1)), Act(Place.CONNECTOR, None, -apart[:, None])
 
     def with_seats_at(self, first_pivot_mm: ArrayLike, second_pivot_mm: ArrayLike) -> Self:
         return replace(

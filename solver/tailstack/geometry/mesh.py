@@ -115,6 +115,7 @@ class Mesh:
     def nearest(self, points_mm: Array, *, roughly: bool = False) -> Nearest:
         """What is nearest to points (M, 3); ``roughly``: on the triangles with the nearest centres."""
         pieces = len(self._owner)
+        reach_mm = self._pieces[2] * (1 + 1e-9) + 1e-9  # how far a corner of a piece is from its centre at most
         count = min(ROUGHLY if roughly else CANDIDATES, pieces)
         at, triangle = np.empty_like(points_mm), np.empty(len(points_mm), dtype=np.int64)
         for first in range(0, len(points_mm), AT_ONCE // count):
@@ -124,7 +125,7 @@ class Mesh:
             if roughly or count == pieces:
                 continue
             # the triangle nearest to a point has a piece with its centre no further than the nearest centre and that
-            for m in first + np.flatnonzero(away[:, -1] <= away[:, 0] + self._reach_mm):
+            for m in first + np.flatnonzero(away[:, -1] <= away[:, 0] + reach_mm):
                 alone, every = slice(m, m + 1), np.arange(len(self.triangles))[None, :]
                 at[alone], triangle[alone] = self._nearest_of(points_mm[alone], every)
         return Nearest(at, np.linalg.norm(points_mm - at, axis=1), self._normals_at(at, triangle))
@@ -167,11 +168,6 @@ class Mesh:
     @property
     def _owner(self) -> NDArray[np.int64]:
         return self._pieces[1]
-
-    @property
-    def _reach_mm(self) -> float:
-        """How far a corner of a piece is from its centre at most."""
-        return self._pieces[2] * (1 + 1e-9) + 1e-9
 
     def distance_about(self, points_mm: Array) -> Array:
         """(M,) distance of points (M, 3), too large by less than the size of a piece."""

@@ -196,7 +196,9 @@ class KernelStore(_Cache):
                 TRAFFIC.loaded += 1
                 TRAFFIC.installed += installed
                 if not installed:
-                    _mark_used(path)
+                    with suppress(OSError):  # it was used
+                        if time.time() - path.stat().st_mtime > TOUCHED_SECONDS:
+                            os.utime(path)
                 return payload
         return None
 
@@ -295,12 +297,6 @@ def _read(path: Path, key: bytes) -> bytes | None:
     except OSError:
         return None
     return payload if digest == sha256(payload).hexdigest().encode() + b"\n" else None  # damaged: written over
-
-
-def _mark_used(path: Path) -> None:
-    with suppress(OSError):
-        if time.time() - path.stat().st_mtime > TOUCHED_SECONDS:
-            os.utime(path)
 
 
 def _write(path: Path, key: bytes, payload: bytes) -> None:

@@ -128,13 +128,6 @@ def _rotations(quaternions: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def _find_deviate(law: Law, p: Array) -> Array:
-    """Inverse distribution of a law that is a sum, in half-widths, at probabilities p."""
-    below = p < 0.5
-    size = find_size(law, 2 * np.where(below, p, 1 - p))
-    return np.where(below, -size, size)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
     """Everything along the rays: ``x = rho n + v`` in Gaussian deviates, the two models of |e|."""
@@ -149,7 +142,9 @@ class _Rays:
     def standardise(self, rho: Array, rays: NDArray[np.int64]) -> Array:
         x: Array = self.offset[rays] + rho[:, None] * self.direction[rays]
         for law, columns in self.sums.items():
-            x[:, columns] = _find_deviate(law, ndtr(x[:, columns]))
+            p = ndtr(x[:, columns])
+            size = find_size(law, 2 * np.where(p < 0.5, p, 1 - p))  # half-widths, by the inverse of the distribution
+            x[:, columns] = np.where(p < 0.5, -size, size)
         return x
 
     def chain(self, rho: Array, rays: NDArray[np.int64]) -> Array:

@@ -109,6 +109,9 @@ class Outline:
 # --- records as rows --------------------------------------------------------------------------------------
 
 
+_hints = cache(get_type_hints)
+
+
 def row_of(record: Any, **more: Any) -> dict[str, Any]:
     """A record as one row; ``more`` stands before it.
 
@@ -146,11 +149,6 @@ def _column(name: str, hint: Any, value: Any) -> Iterator[tuple[str, Any]]:
             yield name, None if value is None else "; ".join(value)
     elif get_origin(hint) is not dict:
         yield name, value.value if isinstance(value, Enum) else value
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
 
 
 def plain(value: Any) -> Any:

@@ -596,7 +596,9 @@ def budget_table(
     columns, rows = (*budget_columns(decimals), *more), []
     for total, parts in group(target.contributors):
         rows.append(fill(columns, BudgetLine(total, heading_of(total), parts)))
-        left = {place: [part for part in parts if _is_small(part, least)] for place, least in SMALL.items()}
+        # a bounded component has no variance, but it moves the quantile
+        random = [part for part in parts if part.law != "bounded"]
+        left = {place: [part for part in random if part.variance_share < least] for place, least in SMALL.items()}
         for part in parts:
             on = EVERYWHERE
             for place, small in left.items():
@@ -605,11 +607,6 @@ def budget_table(
         rows += [_sum_up(columns, small, SMALL[place], place) for place, small in left.items() if small]
     caption = f"Budget at target {target.name} (estimate, P95 {length(target.budget_p95_mm, decimals)} mm)"
     return Table(name, caption, columns, tuple(rows), BUDGET_NOTE + note)
-
-
-def _is_small(part: Contributor, least: float) -> bool:
-    """A bounded component has no variance, but it moves the quantile."""
-    return part.variance_share < least and part.law != "bounded"
 
 
 def _sum_up(columns: Sequence[Column], small: Sequence[Contributor], least: float, on: On) -> Row:

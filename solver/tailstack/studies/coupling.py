@@ -544,15 +544,11 @@ def widen(ratio: Ratio, count: int) -> Ratio:
     return replace(ratio, interval=(ratio.value - half, ratio.value + half))
 
 
-def choose_decimals(ratio: Ratio) -> int:
-    """So many that the half-width of the interval, in per cent, has two digits; one to six."""
-    half = 50 * (ratio.interval[1] - ratio.interval[0])
-    return min(max(1 - floor(log10(max(half, 1e-7))), 1), 6)
-
-
 def write_percent(ratio: Ratio) -> str:
-    """How far a ratio is from one: ``+3.02 %``."""
-    decimals = choose_decimals(ratio)
+    """How far a ratio is from one: ``+3.02 %``, with one to six decimals, so many that the half-width of the interval
+    has two digits."""
+    half = 50 * (ratio.interval[1] - ratio.interval[0])
+    decimals = min(max(1 - floor(log10(max(half, 1e-7))), 1), 6)
     return f"{round(100 * (ratio.value - 1), decimals) + 0.0:+.{decimals}f} %"
 
 

@@ -134,6 +134,7 @@ def study_views(
     near, far = list_turns(cone_deg, step_deg), list_turns(HEMISPHERE_DEG, COARSE_DEG)
     count = iter(range(1, len(aimed) * len(near) + len(far) + 1))
     largest = _score(design, error)
+    unused = next(name for k in range(1, len(rays) + 2) if (name := f"further {k}") not in rays)
 
     def scan(place: int, turns: list[tuple[float, float]], further: bool) -> Iterator[BeamDirection]:
         view: Any = design.document.views[place]
@@ -143,7 +144,7 @@ def study_views(
             p95_mm, target, reason = None, None, None
             try:
                 if further:
-                    changed = design.with_value("/views", [*written, turned | {"name": _new_name(rays)}])
+                    changed = design.with_value("/views", [*written, turned | {"name": unused}])
                 else:
                     changed = design.with_value(f"/views/{place}", turned) if right_deg or up_deg else design
                 p95_mm, target = _score(changed, error)
@@ -189,10 +190,6 @@ def refuse_steps(cone_deg: float, step_deg: float) -> None:
         detail = f"a map has at most {MOST_STEPS} steps from its middle to its edge; got {cone_deg / step_deg:.4g}"
         least = ceil(10 * cone_deg / MOST_STEPS) / 10
         raise StudyError(Problem("/step_deg", "too-many", detail, f"step_deg {least:g} or more"))
-
-
-def _new_name(names: dict[str, Array]) -> str:
-    return next(name for k in range(1, len(names) + 2) if (name := f"further {k}") not in names)
 
 
 def _score(design: Design, error: PointError) -> tuple[float, str]:

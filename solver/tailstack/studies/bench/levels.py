@@ -30,6 +30,7 @@ from ...system import Effect, System
 from .file import Group, Measurements, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
+    LEAST_FREEDOM,
     Expected,
     TestName,
     bench_mean,
@@ -40,7 +41,6 @@ from .statistics import (
     norm_statistics,
     p_value,
     tail_mean,
-    two_sided,
 )
 
 Intervals3 = tuple[Interval, Interval, Interval]
@@ -396,11 +396,11 @@ def _test_vectors(bench: Bench, errors: Array) -> list[ComparisonTest]:
     tests = [_test("mean", float(at), distance(many.mean - law.mean, about), False)]
     if here.within is not None and many.within is not None:
         at = departure(here.within, law.shot, freedom)[0]
-        tests.append(_test("spread", float(at), departure(many.within, law.shot, freedom), two_sided(freedom, True)))
+        tests.append(_test("spread", float(at), departure(many.within, law.shot, freedom), freedom < LEAST_FREEDOM))
     if here.between is not None and many.between is not None:
         between = law.between(sizes)
         at, reference = departure(here.between, between, several)[0], departure(many.between, between, several)
-        tests.append(_test("between installations", float(at), reference, two_sided(several, True)))
+        tests.append(_test("between installations", float(at), reference, several < LEAST_FREEDOM))
     return tests
 
 

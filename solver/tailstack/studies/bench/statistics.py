@@ -96,11 +96,6 @@ def departure(covariances: Array, expected: Array, freedom: int) -> Array:
     return np.asarray(freedom * (trace - logarithm - 3))
 
 
-def two_sided(freedom: int, vectors: bool) -> bool:
-    """Whether small values of a statistic of spread count as much as large ones."""
-    return not vectors or freedom < LEAST_FREEDOM
-
-
 def tail_mean(norms: Array) -> Array:
     """(R,) mean of the largest tenth of norms (R, n)."""
     count = ceil(TAIL_SHARE * norms.shape[1])
