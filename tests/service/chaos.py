@@ -642,13 +642,6 @@ def run_chaos(
 # --- ./run chaos ----------------------------------------------------------------------------------
 
 
-def _choices(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    """(database, engine) of each run: a cluster belongs to a server's database, unless there is only a file."""
-    databases = ["sqlite", "postgresql"] if arguments.database == "both" else [arguments.database]
-    runs = [(database, "pool") for database in databases if arguments.engine in ("pool", "both")]
-    return runs + ([(databases[-1], "dask")] if arguments.engine in ("dask", "both") else [])
-
-
 @contextmanager
 def _postgresql() -> Iterator[Server]:
     binaries = find_binaries()
@@ -671,8 +664,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep what the processes say")
     arguments = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("chaos: told to stop"))  # by way of every finally
+    databases = ["sqlite", "postgresql"] if arguments.database == "both" else [arguments.database]
+    runs = [(database, "pool") for database in databases if arguments.engine in ("pool", "both")]
+    if arguments.engine in ("dask", "both"):
+        runs.append((databases[-1], "dask"))  # a cluster belongs to a server's database, unless there is only a file
     sound = True
-    for database, engine in _choices(arguments):
+    for database, engine in runs:
         if engine == "dask" and not dask_installed():
             sys.exit("chaos: Dask is not installed (pip install 'tailstack[dask]'); or --engine pool")
         with ExitStack() as stack:

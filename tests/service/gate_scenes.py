@@ -12,7 +12,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -158,7 +158,8 @@ def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
             for name in scene.before:
                 (folder / name).unlink()
         if scene.broken_off_by is not None:
-            stack.enter_context(patch("tailstack_service.gate.judge.judge", _raising(scene.broken_off_by)))
+            failure = scene.broken_off_by("the linear algebra gave up")
+            stack.enter_context(patch("tailstack_service.gate.judge.judge", side_effect=failure))
         code = main(["gate", *scene.arguments, *wanted])
     return code, {name: (folder / f"out.{end}").read_bytes() for name, end in FORMATS.items()}
 
@@ -193,13 +194,6 @@ def gate_in(folder: Path, *arguments: object) -> tuple[int, GateRecord]:
 def waivers_of_today(*designs: str) -> dict[str, Any]:
     """Waivers of these designs that hold for another month, whatever day it is."""
     return waivers((datetime.now(UTC).date() - TODAY).days + 30, designs=list(designs))
-
-
-def _raising(kind: type[BaseException]) -> Callable[..., Any]:
-    def judge(*_: Any) -> Any:
-        raise kind("the linear algebra gave up")
-
-    return judge
 
 
 def laid_out(data: Any) -> str:

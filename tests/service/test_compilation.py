@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -244,7 +245,11 @@ def test_an_installer_that_may_not_take_the_kernels_takes_the_empty_wheel(tmp_pa
     build.write_wheel(tmp_path, "1.0.post1", ["py3-none-any"], {}, ["numba ==1.0"])
     build.write_wheel(tmp_path, "1.0", ["py3-none-any"], {}, [])
     for numba in ("1.0", "2.0"):
-        _empty_wheel(tmp_path, numba)
+        about = f"numba-{numba}.dist-info"
+        with zipfile.ZipFile(tmp_path / f"numba-{numba}-py3-none-any.whl", "w") as wheel:
+            wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: numba\nVersion: {numba}\n")
+            wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+            wheel.writestr(f"{about}/RECORD", "")
     chosen = {}
     for numba in ("1.0", "2.0"):
         report = quietly(
@@ -254,13 +259,3 @@ def test_an_installer_that_may_not_take_the_kernels_takes_the_empty_wheel(tmp_pa
         packages = {one["metadata"]["name"]: one["metadata"]["version"] for one in json.loads(report)["install"]}
         chosen[numba] = packages["tailstack-kernels"]
     assert chosen == {"1.0": "1.0.post1", "2.0": "1.0"}
-
-
-def _empty_wheel(place: Path, version: str) -> None:
-    import zipfile
-
-    about = f"numba-{version}.dist-info"
-    with zipfile.ZipFile(place / f"numba-{version}-py3-none-any.whl", "w") as wheel:
-        wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: numba\nVersion: {version}\n")
-        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
-        wheel.writestr(f"{about}/RECORD", "")

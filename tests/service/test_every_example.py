@@ -11,35 +11,12 @@ from tailstack.design import design_to_data
 from tailstack_service.audit import audit
 from tailstack_service.documents import to_json
 from tailstack_service.report.assembling import ReportContents, compute_report
-from tailstack_service.report.records import Report
 
 DESIGNS = {
     path.stem if path.parent == EXAMPLES else f"{path.parent.name}-{path.stem}": path
     for path in sorted(EXAMPLES.rglob("*.yaml"))
     if "schema: tailstack/design/1" in path.read_text(encoding="utf-8")
 }
-
-
-def check_numbers(report: Report) -> None:
-    assert report.verification is not None
-    for target in report.score.targets:
-        assert np.isfinite(target.p95_mm)
-        assert target.p95_mm > 0
-        assert target.law_error_mm < 1e-3 * target.p95_mm
-    for estimate in report.verification.targets:
-        low, high = estimate.p95_interval_mm
-        assert 0 < low <= estimate.p95_mm <= high <= estimate.worst_mm
-        assert estimate.cvar95_mm > estimate.p95_mm
-    assert report.score.provenance.design_sha256 == report.verification.provenance.design_sha256
-
-
-def check_room(report: Report) -> None:
-    """Every tolerance has room to its limit, or a reason why it has none."""
-    assert report.allowances
-    for entry in report.allowances:
-        assert (entry.slack is None) == (entry.status not in ("spare", "too wide"))
-        if entry.slack is not None:
-            assert (entry.slack > 0) == (entry.status == "spare")
 
 
 # One of each kind: seats, regions, robots, files of others, limits on units; all of them are scored and verified as
@@ -53,8 +30,21 @@ FIRST = (
 @pytest.mark.parametrize("name", DESIGNS)
 def test_its_report_holds_together_and_is_verified(name: str) -> None:
     report = compute_report(load_design(DESIGNS[name]), ReportContents(trials=20_000, seed=1))
-    check_numbers(report)
-    check_room(report)
+    assert report.verification is not None
+    for target in report.score.targets:
+        assert np.isfinite(target.p95_mm)
+        assert target.p95_mm > 0
+        assert target.law_error_mm < 1e-3 * target.p95_mm
+    for estimate in report.verification.targets:
+        low, high = estimate.p95_interval_mm
+        assert 0 < low <= estimate.p95_mm <= high <= estimate.worst_mm
+        assert estimate.cvar95_mm > estimate.p95_mm
+    assert report.score.provenance.design_sha256 == report.verification.provenance.design_sha256
+    assert report.allowances
+    for entry in report.allowances:  # every tolerance has room to its limit, or a reason why it has none
+        assert (entry.slack is None) == (entry.status not in ("spare", "too wide"))
+        if entry.slack is not None:
+            assert (entry.slack > 0) == (entry.status == "spare")
     assert design_to_data(load_design(report.design)) == report.design
     found = audit(to_json(report), "x", fast=True)
     assert found.verdict == "verified", [

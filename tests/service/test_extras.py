@@ -158,11 +158,6 @@ def test_the_core_alone_answers_as_the_whole_installation_does(
 ) -> None:
     """The whole is in this process."""
     monkeypatch.chdir(tmp_path)
-    assert run_alone(commands, tmp_path) == [call(*words)[:2] for words in commands]
-
-
-def run_alone(commands: tuple[tuple[str, ...], ...], folder: Path) -> list[tuple[int, str]]:
-    """Code and output of each, in one Python that has none of the modules of extras."""
     code = f"""
 import contextlib, io, json, sys
 sys.modules.update(dict.fromkeys({EVERYTHING!r}))
@@ -176,11 +171,11 @@ for words in {commands!r}:
 print(json.dumps(said))
 """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    done = run_python("-c", code, env={**variables, "PYTHONPATH": SOURCES}, cwd=folder)
+    done = run_python("-c", code, env={**variables, "PYTHONPATH": SOURCES}, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = [(code, text) for code, text in json.loads(done.stdout)]
     assert {code for code, _ in found} <= {0, 1}, ([code for code, _ in found], done.stderr)
-    return found
+    assert found == [call(*words)[:2] for words in commands]
 
 
 @pytest.mark.long

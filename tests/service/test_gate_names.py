@@ -346,26 +346,22 @@ def scores_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(judge, "score", look)
 
 
-def check_tree(seed: int, folder: Path) -> None:
-    chance = random.Random(seed)
-    rules, files = draw_tree(chance, folder)
-    seen = {}
-    for place, names in draw_ways(chance, folder, files):
-        given = os.path.relpath(rules, place.resolve()) if chance.random() < 0.5 else str(rules)
-        code, record = gate_in(place, *names, "--policy", given)
-        designs = [(design.name, design.verdict, design.design_class) for design in record.designs]
-        findings = sorted((entry.rule, entry.severity, entry.pointer) for entry in record.findings)
-        seen[str(place), *names] = (code, record.verdict, designs, findings)
-    first = next(iter(seen.values()))
-    assert all(each == first for each in seen.values()), f"seed {seed}: {seen}"
-    assert first[0] in (0, 1, 4)
-
-
 @pytest.mark.long("100")
 @pytest.mark.hostile
 @pytest.mark.parametrize("count", [1, 100])
 def test_random_trees_are_judged_alike_by_every_name(
     tmp_path: Path, run_seed: int, scores_kept: None, count: int
 ) -> None:
-    for seed in range(count):
-        check_tree(10_000 * run_seed + seed, tmp_path / str(seed))
+    for seed in range(10_000 * run_seed, 10_000 * run_seed + count):
+        chance, folder = random.Random(seed), tmp_path / str(seed)
+        rules, files = draw_tree(chance, folder)
+        seen = {}
+        for place, names in draw_ways(chance, folder, files):
+            given = os.path.relpath(rules, place.resolve()) if chance.random() < 0.5 else str(rules)
+            code, record = gate_in(place, *names, "--policy", given)
+            designs = [(design.name, design.verdict, design.design_class) for design in record.designs]
+            findings = sorted((entry.rule, entry.severity, entry.pointer) for entry in record.findings)
+            seen[str(place), *names] = (code, record.verdict, designs, findings)
+        first = next(iter(seen.values()))
+        assert all(each == first for each in seen.values()), f"seed {seed}: {seen}"
+        assert first[0] in (0, 1, 4)

@@ -134,14 +134,6 @@ def crlf(text: str) -> bytes:
     return text.replace("\n", "\r\n").encode()
 
 
-def indented_json(_: str) -> bytes:
-    return json.dumps(BAD, indent=1).encode()
-
-
-def one_line_json(_: str) -> bytes:
-    return json.dumps(BAD, ensure_ascii=False).encode()
-
-
 def anchored(text: str) -> bytes:
     """The limit is an alias; the value stands at its anchor."""
     marked = changed(text, "fiducial_noise_px: 0.3", "fiducial_noise_px: &limit 0.3")
@@ -161,8 +153,8 @@ def wide(text: str) -> bytes:
         ("bom.yaml", lambda text: b"\xef\xbb\xbf" + text.encode()),
         ("utf16.yaml", lambda text: text.encode("utf-16")),
         ("bom-crlf.json", lambda text: b"\xef\xbb\xbf" + crlf(json.dumps(BAD, indent=2))),
-        ("indented.json", indented_json),
-        ("line.json", one_line_json),
+        ("indented.json", lambda _: json.dumps(BAD, indent=1).encode()),
+        ("line.json", lambda _: json.dumps(BAD, ensure_ascii=False).encode()),
         ("anchored.yaml", anchored),
         ("wide.yaml", wide),
         ("started.yaml", lambda text: b"# a comment\n---\n" + text.encode()),

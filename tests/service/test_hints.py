@@ -100,20 +100,10 @@ def members(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParse
     return {} if action is None else dict(action.choices)
 
 
-def list_commands() -> list[tuple[str, str, str]]:
-    """(file, verb, what follows) of every command in a text of ours."""
-    found = {
-        (path.name, match[1], match[2].strip())
-        for path in SOURCES
-        for text in texts(path)
-        for match in COMMAND.finditer(text)
-    }
-    return sorted(found)
-
-
 @pytest.mark.long
 def test_commands_in_texts_exist_with_their_flags() -> None:
-    commands = list_commands()
+    found = [(path.name, match) for path in SOURCES for text in texts(path) for match in COMMAND.finditer(text)]
+    commands = sorted({(file, match[1], match[2].strip()) for file, match in found})
     assert len(commands) > 60
     wrong = []
     for file, verb, rest in commands:

@@ -215,16 +215,13 @@ def patched(data: Any, patch: Any) -> Any:
     return made
 
 
-def patch_of(out: str) -> Any:
-    return yaml.safe_load(out.partition("RFC 7396):\n")[2].rpartition("\nnext: ")[0])
-
-
 def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple[Path, Any], state: Path) -> None:
     path, moved = beside
     _, out, _ = call("optimise", path)
     assert f"\nwhat to change in {path} (a merge patch, RFC 7396):\nfiducials:\n" in out
     assert "    - { label: F1, position_mm: [1.25, -2.5, 3.75] }" in out or "position_mm: [1.25, -2.5, 3.75] }" in out
-    made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(out))
+    patch = yaml.safe_load(out.partition("RFC 7396):\n")[2].rpartition("\nnext: ")[0])
+    made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch)
     assert load_design(made).sha256 == moved.sha256
 
 

@@ -33,12 +33,6 @@ BODY = {"design": small_design(), "trials": 1000}
 DOCS = Path(__file__).parents[2] / "service" / "tailstack_service" / "docs_page"
 
 
-def list_paths(record: Any) -> list[str]:
-    """Every text of a record that is a path of the service."""
-    found = (value_at(record, place) for place in places_of(record))
-    return [value for value in found if isinstance(value, str) and re.match(r"/(?!/)\S*$", value)]
-
-
 @pytest.mark.long("cut off")
 @pytest.mark.parametrize("cut", [True, False], ids=["cut off", "left"])
 def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
@@ -49,7 +43,9 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
             return client.request(method, lead + path, **more)
 
         for path in ("/", "/v1/schemas", "/v1/examples"):
-            found = list_paths(ask("GET", path).json())
+            record = ask("GET", path).json()
+            texts = [value for place in places_of(record) if isinstance(value := value_at(record, place), str)]
+            found = [text for text in texts if re.match(r"/(?!/)\S*$", text)]
             assert found, path
             assert all(each.startswith(f"{MOUNTED}/") for each in found), (path, found)
         assert ask("GET", "/openapi.json").json()["servers"] == [{"url": MOUNTED, "description": "this service"}]

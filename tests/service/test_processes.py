@@ -115,12 +115,6 @@ def api_processes_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return found
 
 
-def nurseries_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    """What computing processes are forked from, in which they are called like it."""
-    found = {each.pid: each for each in family_of(process) if "tailstack_service.processes.nursery" in each.cmdline()}
-    return [each for each in found.values() if each.ppid() not in found]
-
-
 def check_gone(family: list[psutil.Process]) -> None:
     """Nobody is left of the processes that a service had started."""
     _, alive = psutil.wait_procs(family, timeout=LIMIT_SECONDS)
@@ -162,7 +156,9 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
             assert ended_job(client, f"/v1/jobs/{job.json()['id']}")["state"] == "succeeded"
         running_worker(process)
         family = family_of(process)
-        (nursery,) = nurseries_of(process)  # from which both answers and jobs are computed
+        # What computing processes are forked from, in which they are called like it: answers and jobs have one
+        called = {each.pid: each for each in family if "tailstack_service.processes.nursery" in each.cmdline()}
+        (nursery,) = (each for each in called.values() if each.ppid() not in called)
         assert nursery.ppid() == process.pid
         assert len(family) >= (1 if api_processes == "1" else 3)
         process.send_signal(sign)

@@ -119,11 +119,6 @@ def module(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
         sys.modules.pop(name, None)
 
 
-def ras_of(design: dict[str, Any]) -> list[tuple[str, list[float], int]]:
-    points = design["fiducials"]["points"]
-    return [(p["label"], [-p["position_mm"][0], -p["position_mm"][1], p["position_mm"][2]], 2) for p in points]
-
-
 def wait_for(widget: Any, words: str) -> str:
     """What the panel says once it says so; its timer ticks meanwhile."""
 
@@ -149,11 +144,11 @@ def test_points_of_the_scene_are_the_beads_of_the_saved_file(module: ModuleType)
 @pytest.mark.long
 def test_a_drag_in_the_scene_changes_p95_and_the_worst_bead_is_named(module: ModuleType, client: httpx.Client) -> None:
     design = client.get("/v1/examples/first_carrier").json()
-    node = Node(ras_of(design))
+    points = design["fiducials"]["points"]
+    node = Node([(p["label"], [-p["position_mm"][0], -p["position_mm"][1], p["position_mm"][2]], 2) for p in points])
     widget = shown(module, str(client.base_url).rstrip("/"), node)
     said = wait_for(widget, "Worst to lose")
     assert f"P95 at tip {score(load_design(design)).targets[0].p95_mm:.3f} mm, limit 1 mm: fail" in said
-    points = design["fiducials"]["points"]
     costs = {}
     for number, point in enumerate(points):
         fiducials = {**design["fiducials"], "points": points[:number] + points[number + 1 :]}

@@ -285,11 +285,7 @@ def test_a_lock_held_too_long_is_unavailable(restartable: Database) -> None:
                 jobs.cancel_job(impatient, "locked", job.id)
         finally:
             impatient.close()
-    assert claim_one_of(db, job.id)
-
-
-def claim_one_of(db: Database, job_id: str) -> bool:
-    return any(one.job_id == job_id for one in claim(db, limit=1000))
+    assert any(one.job_id == job.id for one in claim(db, limit=1000))
 
 
 # --- everything that can happen, in random order, against a model ---------------------------------

@@ -214,11 +214,7 @@ def test_a_copy_that_sqlite_makes_while_the_service_runs_can_be_restored(tmp_pat
         with closing(sqlite3.connect(tmp_path / "a.sqlite3")) as beside:
             beside.execute(f"{command} '{tmp_path / 'b.sqlite3'}'")
         submit(db)  # goes on
-    check_restored(f"sqlite:///{tmp_path / 'b.sqlite3'}", made, clock)
-
-
-def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
-    with closing(open_database(url, clock=clock)) as db:
+    with closing(open_database(f"sqlite:///{tmp_path / 'b.sqlite3'}", clock=clock)) as db:
         assert wrong(db) == []
         assert {name: find(db, job) for name, job in made.items()} == made
         assert len(jobs.list_page(db, "acme", limit=99).jobs) == len(made)
