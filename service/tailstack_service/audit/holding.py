@@ -134,15 +134,10 @@ def unpack_streams(content: bytes, file: str) -> dict[str, bytes]:
         ) from None
 
 
-def sheet_names(parts: dict[str, bytes]) -> list[str]:
-    """Titles of the sheets in their order: the first is in sheet1.xml."""
-    book = parts.get("xl/workbook.xml", b"").decode("utf-8", "replace")
-    return [unescape(name) for name in re.findall(r'<sheet name="([^"]*)"', book)]
-
-
 def sheet_cells(parts: dict[str, bytes], name: str) -> dict[tuple[str, int], str] | None:
     """Texts and numbers as texts, by column and row; None without such a sheet."""
-    names = sheet_names(parts)
+    book = parts.get("xl/workbook.xml", b"").decode("utf-8", "replace")
+    names = [unescape(each) for each in re.findall(r'<sheet name="([^"]*)"', book)]  # the first is in sheet1.xml
     if name not in names:
         return None
     shared = [

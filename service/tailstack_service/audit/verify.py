@@ -54,23 +54,23 @@ def audit(
         _check_effort(result, (*(() if given is None else (given,)), *designs), most or Effort())
     questions = [AuditCheck("record", SAME, f"SHA-256 {hashlib.sha256(result.body).hexdigest()}")]
     questions += [_design_question(*pair) for pair in zip(holds, designs, strict=True) if pair[0].stated_sha256]
-    provenance = _provenance(result)
+    # Of a comparison the second design's; a record of several designs states the version itself
+    origin = result.record.second if result.kind == "comparison" else result.record
+    provenance = getattr(origin, "provenance", origin)
     written_by = provenance.tailstack_version
     questions.append(pages_question(report_file, written_by, file))
     if designs and given is not None:
         detail = "the record holds its design: none is to be given"
         raise RequestError(Problem("", "unused-option", detail, "leave the second file out"))
-    if not designs and operation.designs:
-        designs = () if given is None else (_same_design(getattr(provenance, "design_sha256", given.sha256), given),)
+    if not designs and operation.designs and given is not None:
+        stated, designs = getattr(provenance, "design_sha256", given.sha256), (given,)
+        if stated != given.sha256:
+            detail = f"this is another design: its SHA-256 is {given.sha256}, the record is of {stated}"
+            hint = "give the design that the record was computed from"
+            raise RequestError(Problem("", "another-design", detail, hint))
     questions += _number_questions(result, designs, fast, progress, written_by)
     title = getattr(result.record, "title", None) or getattr(provenance, "design_name", result.kind)
     return Audit(file, str(title), result.record.schema, written_by, tuple(questions))
-
-
-def _provenance(result: ReadResult) -> Any:
-    """Of a comparison the second design's; a record of several designs states the version itself."""
-    record = result.record.second if result.kind == "comparison" else result.record
-    return getattr(record, "provenance", record)
 
 
 def _design_question(each: HeldDesign, design: Design) -> AuditCheck:
@@ -78,14 +78,6 @@ def _design_question(each: HeldDesign, design: Design) -> AuditCheck:
         return AuditCheck(each.name, SAME, f"SHA-256 {design.sha256}")
     detail = f"its SHA-256 is {design.sha256}; the record says {each.stated_sha256}"
     return AuditCheck(each.name, DIFFERENT, detail)
-
-
-def _same_design(stated: str, given: Design) -> Design:
-    """Raises RequestError for another design than that of the record."""
-    if stated != given.sha256:
-        detail = f"this is another design: its SHA-256 is {given.sha256}, the record is of {stated}"
-        raise RequestError(Problem("", "another-design", detail, "give the design that the record was computed from"))
-    return given
 
 
 # --- the numbers, computed again ------------------------------------------------------------------------
@@ -96,14 +88,13 @@ def _number_questions(
 ) -> list[AuditCheck]:
     """Raises RequestError where the design is missing that the numbers are computed from."""
     operation = OPERATIONS[result.kind]
-    if not operation.can_repeat(result.record):
-        if fast:
-            return [AuditCheck("numbers", "trusted", "not computed again: the record does not hold its design")]
+    can_repeat = operation.can_repeat(result.record)
+    if fast and not (can_repeat and designs):
+        return [AuditCheck("numbers", "trusted", "not computed again: the record does not hold its design")]
+    if not can_repeat:
         detail = f"the numbers of a {result.kind} are computed again by tailstack {operation.verb}, from what it was of"
         raise RequestError(Problem("", "not-recomputed", detail, "add --fast: hash and pages only"))
     if not designs:
-        if fast:
-            return [AuditCheck("numbers", "trusted", "not computed again: the record does not hold its design")]
         detail = f"a {result.kind} does not hold its design, so its numbers cannot be computed again"
         hint = "tailstack report --verify FILE DESIGN, or --fast: hash and pages only"
         raise RequestError(Problem("", "missing-design", detail, hint))

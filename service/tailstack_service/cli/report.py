@@ -71,6 +71,8 @@ def _read_forms(text: str) -> tuple[str, ...]:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
+    from ..operations.rendering import render_all
+
     if len(arguments.sources) > 2 or arguments.sources.count("-") > 1:
         hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
         _refuse("too-many", f"one or two documents are reported; {len(arguments.sources)} were given", hint)
@@ -103,8 +105,10 @@ def run(arguments: argparse.Namespace) -> Answer:
     body = to_json(record)
     stem = "-".join("stdin" if name == "-" else _stem(Path(name).name) for name in arguments.sources)
     stem = "report" if stem == "stdin" else stem
+    with Progress("drawing the report"):  # its own phase, with a count of its own
+        rendered = render_all(kind, body, forms, summary=arguments.summary)
     written = []
-    for form, content in _render(kind, body, forms, arguments.summary):
+    for form, content in rendered:
         part = "supplier." if kind == "sheet" else "summary." if arguments.summary else ""
         ending = f"report.{form}" if form == "json" and not part else f"{part}{form}"
         path = file or output / f"{stem}.{ending}"
@@ -127,13 +131,6 @@ def _stem(name: str) -> str:
     endings = (".report.json", ".yaml", ".yml", *(f".{form}" for form in FORMATS))
     ending = next((end for end in endings if name.endswith(end) and name != end), "")
     return name.removesuffix(ending)
-
-
-def _render(kind: str, body: bytes, forms: Sequence[str], summary: bool) -> list[tuple[str, bytes]]:
-    from ..operations.rendering import render_all
-
-    with Progress("drawing the report"):  # its own phase, with a count of its own
-        return render_all(kind, body, forms, summary=summary)
 
 
 def _read(name: str) -> ReadResult | bytes | Path:

@@ -220,8 +220,10 @@ def compute_remotely(service: RemoteService, path: str, request: dict[str, Any],
     if job["state"] != "succeeded":
         raise _unfinished_error(job)
     body = service.ask("GET", f"/v1/results/{job['result_sha256']}").content
-    if hashlib.sha256(body).hexdigest() != job["result_sha256"]:
-        raise _damage_error(job)
+    if hashlib.sha256(body).hexdigest() != job["result_sha256"]:  # changed where it is stored or on its way
+        detail = f"the answer of job {job['id']} arrived changed: its SHA-256 is not {job['result_sha256']}"
+        problem = Problem("", "damaged-answer", detail, "ask again; a proxy in between must pass bytes on as they are")
+        raise RemoteError("store-error", "The answer is damaged", 0, (problem,))
     return body
 
 
@@ -230,13 +232,6 @@ def unexpected_error(url: str, wanted: str, reason: ValueError) -> RemoteError:
     detail = f"{url} answered with something that is not {wanted}: {str(reason).splitlines()[0]}"
     problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
     return RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,))
-
-
-def _damage_error(job: dict[str, Any]) -> RemoteError:
-    """An answer that is not the one that was recorded, changed where it is stored or on its way."""
-    detail = f"the answer of job {job['id']} arrived changed: its SHA-256 is not {job['result_sha256']}"
-    problem = Problem("", "damaged-answer", detail, "ask again; a proxy in between must pass bytes on as they are")
-    return RemoteError("store-error", "The answer is damaged", 0, (problem,))
 
 
 def _unfinished_error(job: dict[str, Any]) -> RemoteError:

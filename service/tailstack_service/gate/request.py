@@ -95,7 +95,11 @@ def read_gate(data: dict[str, Any]) -> Gate:
 
 def _make_gate(request: GateRequest, limits: Limits) -> Gate:
     policy = read_policy(request.policy, prefix="/policy")
-    today = _read_day(request.today)
+    try:
+        today = date.fromisoformat(request.today or "")
+    except ValueError:
+        detail = f"there is no such day: {request.today!r}"
+        raise RequestError(Problem("/today", "bad-date", detail, "YYYY-MM-DD")) from None
     waivers = None if request.waivers is None else read_waivers(request.waivers, today, prefix="/waivers")
     baseline = None if request.baseline is None else read_baseline(request.baseline, prefix="/baseline")
     known = [entry.name for entry in policy.document.classes]
@@ -127,13 +131,6 @@ def _read_request(data: Any, limits: Limits) -> GateRequest:
         return GateRequest.model_validate(data)
     except ValidationError as error:
         raise RequestError(refuse(error, DocumentSource(data, None, None), limits, GateRequest).problems) from None
-
-
-def _read_day(text: str | None) -> date:
-    try:
-        return date.fromisoformat(text or "")
-    except ValueError:
-        raise RequestError(Problem("/today", "bad-date", f"there is no such day: {text!r}", "YYYY-MM-DD")) from None
 
 
 def _read_design(entry: GateRequestDesign, limits: Limits) -> GateDesign:

@@ -226,7 +226,10 @@ class Answering:
         """Have the request answered; what is to be said instead, if nothing has been said yet."""
         try:
             if b"transfer-encoding" in headers and b"content-length" in headers:
-                raise _two_lengths_error()
+                # Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)
+                detail = "the request says its length twice: Content-Length and Transfer-Encoding"
+                close = {"Connection": "close"}
+                raise TransportError("malformed-document", detail, "send one of them", close, code="two-lengths")
             self.service.access.check_address(request.method, headers, request.scope.get("scheme", "http"))
             await self.app(request.scope, receive, send)
         except TailstackError as error:
@@ -258,9 +261,3 @@ class Answering:
             "tenant": None if caller is None else caller.tenant,
         }
         log.info("answered a request for %s", route if known else "what is not there", extra=fields)
-
-
-def _two_lengths_error() -> TransportError:
-    """Where a request ends must not be a matter of opinion between a proxy and this service (RFC 9112, 6.1)."""
-    detail = "the request says its length twice: Content-Length and Transfer-Encoding"
-    return TransportError("malformed-document", detail, "send one of them", {"Connection": "close"}, code="two-lengths")

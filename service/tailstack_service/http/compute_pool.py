@@ -174,7 +174,10 @@ class ComputePool:
         deadline = self._clock.monotonic() + limit_seconds
         while self.warmth == "warming up" and not self._stopping.is_set():
             if self._clock.monotonic() >= deadline:
-                raise _warm_up_error(limit_seconds)
+                waited = f"waited {limit_seconds:g} s ({variable('warm_up_seconds')})"
+                detail = f"the numerical kernels are still being compiled; {waited}"
+                hint = "send the request again later: GET /health/ready answers 200 when they are there"
+                raise TransportError("warming-up", detail, hint, {"Retry-After": str(WARMTH_RETRY_SECONDS)})
             await self._clock.sleep_async(WARMTH_LOOK_SECONDS)
 
     def pids(self) -> list[int]:
@@ -224,10 +227,14 @@ class ComputePool:
                 )
             except OutOfDate as error:
                 self.warmth = "failed"  # a supervisor or an operator can act
-                raise _out_of_date_error(error) from None
+                hint, headers = "the operator restarts the service", {"Retry-After": "10"}
+                raise TransportError("stopping", str(error), hint, headers, code="sources-changed") from None
             except TimeoutError:
                 if computation.taken > self.seconds:
-                    raise _too_long_error(self.seconds) from None
+                    detail = f"the computation did not finish within the limit of {self.seconds:g} s"
+                    hint = "ask for fewer trials, targets or designs, or start the service with a higher "
+                    hint += variable("max_seconds")
+                    raise LimitError(Problem("", "too-long", detail, hint)) from None
                 again = max(computation.expected, OVERRUN_SECONDS)
             except PutBack as later:
                 again = later.seconds
@@ -353,25 +360,6 @@ class ComputePool:
             self.warmth = "failed"
             log.error("the kernels cannot be loaded: %s", error, extra={"action": "warm-up-failed"})
         self._processes.renew(self.count)
-
-
-def _warm_up_error(waited_seconds: float) -> TransportError:
-    setting = variable("warm_up_seconds")
-    detail = f"the numerical kernels are still being compiled; waited {waited_seconds:g} s ({setting})"
-    hint = "send the request again later: GET /health/ready answers 200 when they are there"
-    headers = {"Retry-After": str(WARMTH_RETRY_SECONDS)}
-    return TransportError("warming-up", detail, hint, headers)
-
-
-def _too_long_error(seconds: float) -> LimitError:
-    detail = f"the computation did not finish within the limit of {seconds:g} s"
-    hint = "ask for fewer trials, targets or designs, or start the service with a higher TAILSTACK_MAX_SECONDS"
-    return LimitError(Problem("", "too-long", detail, hint))
-
-
-def _out_of_date_error(error: OutOfDate) -> TransportError:
-    hint, headers = "the operator restarts the service", {"Retry-After": "10"}
-    return TransportError("stopping", str(error), hint, headers, code="sources-changed")
 
 
 def stopping_error() -> TransportError:

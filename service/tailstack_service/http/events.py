@@ -12,7 +12,7 @@ from tailstack.results.json_text import write_json
 
 from ..environment import variable
 from ..jobs.store import jobs as stored
-from ..jobs.store.events import Event, read_events
+from ..jobs.store.events import read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
 from ..problems import RequestError, TransportError
@@ -112,7 +112,8 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
             events = []
         for event in events:
             after = event.sequence
-            yield event_bytes(job, event)
+            data = write_json({"job": job.id, "at": moment(event.at), **event.data})
+            yield f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()
         now = clock.monotonic()
         if events:
             written, wait = now, LOOK_SECONDS
@@ -136,9 +137,3 @@ async def _is_deleted(service: Service, job: Job) -> bool:
         return await service.storage.run(stored.find_job, job.tenant, job.id) is None
     except TailstackError:
         return False
-
-
-def event_bytes(job: Job, event: Event) -> bytes:
-    """One event on the wire: id, name, and JSON on one line."""
-    data = write_json({"job": job.id, "at": moment(event.at), **event.data})
-    return f"id: {event.sequence}\nevent: {event.name}\ndata: {data}\n\n".encode()

@@ -28,13 +28,6 @@ MOST_STEPS, LONGEST_STEP = 8, 20  # of an unknown path that is compared with the
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
-def problem_response(error: TailstackError, *, instance: str, request_id: str, status: int | None = None) -> Response:
-    """A refusal as application/problem+json."""
-    document = problem_document(error, instance=instance, request_id=request_id, status=status)
-    headers = error.headers if isinstance(error, TransportError) else None
-    return document_response(document, headers)
-
-
 def document_response(document: ProblemDocument, headers: Mapping[str, str] | None = None) -> Response:
     """A problem document with its own status."""
     document = replace(document, type=place(document.type))
@@ -47,7 +40,8 @@ def refusal_response(request: Request, error: TailstackError) -> Response:
     if isinstance(error, StoreUnavailable | StoreError) and not isinstance(error, DamagedStore):
         error = _hide_address(request_id, error)
     status = 413 if isinstance(error, BodyTooLarge) else None
-    response = problem_response(error, instance=path_of(request), request_id=request_id, status=status)
+    document = problem_document(error, instance=path_of(request), request_id=request_id, status=status)
+    response = document_response(document, error.headers if isinstance(error, TransportError) else None)
     if response.status_code in (429, 503):
         response.headers.setdefault("Retry-After", str(STORE_RETRY_SECONDS))
     return response

@@ -78,13 +78,6 @@ def make_defect_outcome() -> Outcome:
     return Outcome(problem=render_problem(error))
 
 
-def make_limit_outcome(seconds: float, limit_seconds: float) -> Outcome:
-    """Of a unit that had been computed for ``seconds`` when it was stopped."""
-    detail = f"one part of the job was still being computed after {limit_seconds:g} s and was stopped"
-    hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
-    return Outcome(seconds, problem=render_problem(LimitError(Problem("", "job-too-long", detail, hint))))
-
-
 class Heartbeat:
     """Calls ``beat`` three times in the time of a lease, in a thread of its own, from ``begin`` to ``end``.
 
@@ -333,8 +326,11 @@ class Worker:
         self._unwanted.append(computation.future)
         if self._computations.pop(claim.key, None) is not None:  # so that its computation's end is not looked at
             log_unit(logging.WARNING, "too-long", claim, "takes longer than a job may and is stopped", seconds=seconds)
-            outcome = make_limit_outcome(seconds, self._settings.max_job_seconds)
-            self._arrivals.put(self._conclude_with(claim, outcome))
+            limit_seconds = self._settings.max_job_seconds
+            detail = f"one part of the job was still being computed after {limit_seconds:g} s and was stopped"
+            hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
+            problem = render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
+            self._arrivals.put(self._conclude_with(claim, Outcome(seconds, problem=problem)))
 
     def _kill_unwanted(self) -> None:
         """Again at each beat until it has ended: a task can be on its way between two processes."""

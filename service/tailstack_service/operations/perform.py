@@ -52,19 +52,16 @@ def perform(task: Task) -> Outcome:
     begun = time.process_time()
     try:
         with name_missing_extra():
-            outcome = _perform(task)
+            request = json.loads(task.request)
+            if task.spec == ADVANCE:
+                outcome = plan(task.kind, request, task.results)
+            else:
+                outcome = Outcome(result=compute(task.kind, request, json.loads(task.spec)))
     except TailstackError as error:
         outcome = _refusal(RefusedAt.place(error, "/design"))
     except MemoryError:
         outcome = _refusal(memory_error())
     return replace(outcome, cpu_seconds=time.process_time() - begun)
-
-
-def _perform(task: Task) -> Outcome:
-    request = json.loads(task.request)
-    if task.spec != ADVANCE:
-        return Outcome(result=compute(task.kind, request, json.loads(task.spec)))
-    return plan(task.kind, request, task.results)
 
 
 def _refusal(error: TailstackError) -> Outcome:

@@ -99,9 +99,12 @@ def compare(first: Report, second: Report, options: ReportContents) -> Compariso
     if count:
         differences = _draw_both(first, second, shared, options.seed, count)
     changes, left_out = changes_of(first.design, second.design)
+    title = second.title if first.title == second.title else f"{second.title} against {first.title}"
+    if options.names:
+        title += f": {options.names[0]} against {options.names[1]}"
     return Comparison(
         schema="tailstack/comparison/1",
-        title=_title(first.title, second.title, options.names),
+        title=title,
         headline=_headline(first, second, differences, options.names),
         differences=differences,
         compared_trials=count or None,
@@ -114,11 +117,6 @@ def compare(first: Report, second: Report, options: ReportContents) -> Compariso
         second=_told_apart(second, options, "second"),
         names=options.names,
     )
-
-
-def _title(first: str, second: str, names: Names) -> str:
-    title = second if first == second else f"{second} against {first}"
-    return f"{title}: {names[0]} against {names[1]}" if names else title
 
 
 def _list_common_targets(names: list[list[str]]) -> list[str]:

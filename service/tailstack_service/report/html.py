@@ -86,14 +86,10 @@ def _environment() -> Environment:
     )
     made.filters["shown"] = shown
     made.filters["on_page"] = lambda table: table.on(On.PAGE)
-    made.tests["long"] = _has_long_word
+    # Whether a name has a word, ended by a blank or an underscore, that has to be broken within
+    made.tests["long"] = lambda name: max(map(len, name.replace("_", " ").split()), default=0) > LONGEST_WORD
     made.filters["kind"] = lambda block: type(block).__name__
     return made
-
-
-def _has_long_word(name: str) -> bool:
-    """Whether a name has a word, ended by a blank or an underscore, that has to be broken within."""
-    return max(map(len, name.replace("_", " ").split()), default=0) > LONGEST_WORD
 
 
 def shown(cell: Cell, column: Column) -> str:

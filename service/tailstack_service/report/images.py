@@ -284,7 +284,10 @@ def _directions(beam: Beam, x: float, y: float) -> list[str]:
         line(x - 3.2, y - 3.2, x + 3.2, y + 3.2, INK),
         line(x - 3.2, y + 3.2, x + 3.2, y - 3.2, INK),
     ]
-    across, down = _image_axes(beam)
+    # Unit vectors in con of growing u and growing v, across the beam
+    rows = beam.view.projection[:2, :3]
+    flat = rows - np.outer(rows @ beam.direction, beam.direction)
+    across, down = flat / np.linalg.norm(flat, axis=1)[:, None]
     labels: list[tuple[float, float]] = []
     for name, right, low in zip("xyz", across, down, strict=True):
         dx, dy = arm * float(right), arm * float(low)
@@ -299,14 +302,6 @@ def _directions(beam: Beam, x: float, y: float) -> list[str]:
         labels.append(at)
         parts.append(text(at[0], at[1] + 4, name, anchor="middle"))
     return parts
-
-
-def _image_axes(beam: Beam) -> tuple[Array, Array]:
-    """Unit vectors (3,) in con of growing u and growing v, across the beam."""
-    rows = beam.view.projection[:2, :3]
-    flat = rows - np.outer(rows @ beam.direction, beam.direction)
-    across, down = flat / np.linalg.norm(flat, axis=1)[:, None]
-    return across, down
 
 
 # --- words ----------------------------------------------------------------------------------------

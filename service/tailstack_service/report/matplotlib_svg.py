@@ -65,8 +65,8 @@ class Chart:
         axes = self.figure.add_axes(place)
         axes.xaxis.set_major_locator(MaxNLocator(max(int((right - left) / 55), 1), steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_locator(MaxNLocator(max(int((bottom - top) / 32), 1), steps=[1, 2, 5, 10]))
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
+        for axis in (axes.xaxis, axes.yaxis):  # no digits that say nothing, and a minus sign that is one
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{round(value, 12) + 0.0:g}".replace("-", "−")))
         if x:
             axes.set_xlabel(x)
         if y:
@@ -104,11 +104,6 @@ class Chart:
         self.figure.draw(renderer)
         by = f"matplotlib {matplotlib.__version__}"
         return picture(self.name, title, words, self.height, renderer.parts, self.width, by)
-
-
-def plain(value: float) -> str:
-    """A number of an axis: no digits that say nothing, and a minus sign that is one."""
-    return f"{round(value, 12) + 0.0:g}".replace("-", "−")
 
 
 class SvgRenderer(RendererBase):

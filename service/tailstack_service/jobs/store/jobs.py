@@ -91,10 +91,13 @@ def submit_job(
             earlier = _find_by_key(connection, tenant, idempotency_key)
             if earlier is not None:
                 if (earlier.kind, earlier.request_sha256) != (kind, sha256):
-                    raise _conflict_error(earlier)
+                    detail = f"this key made job {earlier.id} ({earlier.kind}) from a request with another content"
+                    hint = "send a new key with a new request"
+                    raise IdempotencyConflict(Problem("", "idempotency-conflict", detail, hint))
                 return earlier, False
         if _count_unfinished(connection, tenant) >= max_queued:
-            raise _queue_error(max_queued)
+            hint = "wait until some have finished or cancel them; the operator's setting is TAILSTACK_MAX_QUEUED_JOBS"
+            raise QueueFull(Problem("", "queue-full", f"at most {max_queued} unfinished jobs at a time", hint))
         at = now(db, connection)
         last = connection.execute(sa.select(sa.func.max(tables.jobs.c.id))).scalar_one()
         job = Job(
@@ -131,16 +134,6 @@ def _count_unfinished(connection: Connection, tenant: str) -> int:
     j = tables.jobs.c
     query = sa.select(sa.func.count()).where(j.tenant == tenant, j.state.in_(tables.UNFINISHED))
     return int(connection.execute(query).scalar_one())
-
-
-def _conflict_error(earlier: Job) -> IdempotencyConflict:
-    detail = f"this key made job {earlier.id} ({earlier.kind}) from a request with another content"
-    return IdempotencyConflict(Problem("", "idempotency-conflict", detail, "send a new key with a new request"))
-
-
-def _queue_error(limit: int) -> QueueFull:
-    hint = "wait until some have finished or cancel them; the operator's setting is TAILSTACK_MAX_QUEUED_JOBS"
-    return QueueFull(Problem("", "queue-full", f"at most {limit} unfinished jobs at a time", hint))
 
 
 def find_job(db: Database, tenant: str, job_id: str) -> Job | None:

@@ -11,7 +11,7 @@ deadlock, although it takes units before jobs and everything else takes jobs bef
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,7 +116,9 @@ def claim(
         bodies = {row.job_id: row.body for row in connection.execute(_BODIES, wanted)}
         recorded = {row.job_id: _read_recorded(connection, row.job_id) for row in rows if row.advance}
         rows = _drop_damaged(connection, rows, at, bodies, recorded)
-        _lease(connection, rows, worker_id, at + lease_seconds)
+        if rows:
+            until = {"by_worker": worker_id, "until": at + lease_seconds}
+            connection.execute(_LEASE, [{"of_job": row.job_id, "of_number": row.number} | until for row in rows])
         return [
             Claim(
                 job_id=row.job_id,
@@ -253,13 +255,6 @@ _LEASE = (
 )
 
 
-def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until: float) -> None:
-    if not rows:
-        return
-    values = [{"of_job": row.job_id, "of_number": row.number, "by_worker": worker_id, "until": until} for row in rows]
-    connection.execute(_LEASE, values)
-
-
 _Recorded = tuple[tuple[UnitResult, str], ...]  # with the hash under which each was recorded
 
 
@@ -369,7 +364,9 @@ def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: flo
             changes["units_expected"] = changes["units_done"]
             end_job(connection, job, at, "succeeded", result_sha256=name, **changes)
         elif cpu_seconds > max_job_seconds:
-            problem = _render_too_long(max_job_seconds)
+            detail = f"the job took more than {max_job_seconds:g} CPU seconds"
+            hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
+            problem = render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
             end_job(connection, job, at, "failed", problem=problem, **changes)
         else:
             _continue_job(connection, claim, outcome, job, at, changes)
@@ -440,12 +437,6 @@ def _continue_job(
 
 _ANY_OPEN = sa.select(sa.exists().where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.state != tables.RECORDED))
 _LAST = sa.select(sa.func.max(_UNIT.number)).where(_UNIT.job_id == sa.bindparam("of_job"))
-
-
-def _render_too_long(max_job_seconds: float) -> bytes:
-    detail = f"the job took more than {max_job_seconds:g} CPU seconds"
-    hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
-    return render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
 
 
 def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
