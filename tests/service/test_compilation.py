@@ -55,10 +55,6 @@ def run(place: Path, **variables: str) -> tuple[str, str]:
         return process.communicate(timeout=LIMIT_SECONDS)
 
 
-def stored(place: Path) -> set[str]:
-    return {path.name.rpartition("-")[0] for path in place.glob("*.kernel")}
-
-
 @pytest.mark.long
 def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> None:
     out, err = run(tmp_path)
@@ -68,7 +64,8 @@ def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> No
         r"(compiling kernels, once on this machine: \d+ s(, \d+ %, about \d+ s left)?, [0-3] of 3\n)+",
         err,
     ), err
-    assert stored(tmp_path / ".cache" / "tailstack" / "kernels") >= {"tail.lattice.balls", "tail.gaussian.brought_near"}
+    stored = {path.name.rpartition("-")[0] for path in (tmp_path / ".cache/tailstack/kernels").glob("*.kernel")}
+    assert stored >= {"tail.lattice.balls", "tail.gaussian.brought_near"}
     out, err = run(tmp_path)
     assert (json.loads(out), err) == ([0, 2, 0], "")
 

@@ -75,15 +75,10 @@ def test_the_minute_with_curl_runs_as_it_stands(tmp_path: Path) -> None:
     assert (tmp_path / "report.html").read_text().lower().startswith("<!doctype html>")
 
 
-def row_of(variable: str) -> list[str]:
-    """The cells of a setting's row."""
-    line = next(line for line in SETTINGS.splitlines() if line.startswith(f"| `{variable}` |"))
-    return [cell.strip() for cell in line.strip("| ").split(" | ")]
-
-
 def test_every_setting_is_listed_with_its_default_and_its_meaning() -> None:
     for variable, schema in schemas().items():
-        default, (_, cell, meaning) = schema["default"], row_of(variable)
+        line = next(line for line in SETTINGS.splitlines() if line.startswith(f"| `{variable}` |"))
+        default, (_, cell, meaning) = schema["default"], map(str.strip, line.strip("| ").split(" | "))
         if isinstance(default, str):
             assert cell == (f"`{default}`" if default else "(empty)"), variable
         else:

@@ -586,13 +586,6 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
 # --- a system without what Linux has --------------------------------------------------------------
 
 
-def children_of(process: psutil.Process) -> list[psutil.Process]:
-    """All below it; none is a process that others are forked from."""
-    found = process.children(recursive=True)
-    assert not any("tailstack_service.processes.nursery" in each.cmdline() for each in found if each.is_running())
-    return [each for each in found if "tailstack_service.processes.child" in each.cmdline()]
-
-
 def lives(process: psutil.Process) -> bool:
     with suppress(psutil.NoSuchProcess):
         return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
@@ -609,7 +602,9 @@ def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tm
             job = client.post("/v1/verifications", json=body)
             assert job.status_code == 202, job.text
             assert ended_job(client, f"/v1/jobs/{job.json()['id']}")["state"] == "succeeded"
-        computing = children_of(process)
+        below = process.children(recursive=True)  # none of which is a process that others are forked from
+        assert not any("tailstack_service.processes.nursery" in each.cmdline() for each in below if each.is_running())
+        computing = [each for each in below if "tailstack_service.processes.child" in each.cmdline()]
         assert computing
         process.kill()
         until(lambda: not any(map(lives, computing)), lambda: computing)

@@ -22,14 +22,10 @@ CAP = 2**15
 QUICK = {"max_trials": CAP}
 
 
-def truth() -> float:
-    """P95 of the small design by 2^22 trials of another seed: known to 0.05 %."""
-    return verify(load_design(sound_design()), trials=2**22, seed=777).targets[0].p95_mm
-
-
 @pytest.fixture(scope="module")
 def p95() -> float:
-    return truth()
+    """Of the small design by 2^22 trials of another seed: known to 0.05 %."""
+    return verify(load_design(sound_design()), trials=2**22, seed=777).targets[0].p95_mm
 
 
 def auto(factor: float, p95: float, **more: Any) -> GateRecord:

@@ -243,22 +243,12 @@ async def written(table: Table, count: int, clock: TurnedClock) -> None:
     await until_async(lambda: len(table.writes) == count)
 
 
-async def test_what_comes_together_is_written_together_and_once() -> None:
+async def test_what_comes_together_is_written_together_and_once_and_after_long_again() -> None:
+    """By then the database may have forgotten it."""
     table, clock = Table(), TurnedClock()
     here = KeptDesigns(table.read, table.write, clock=clock)
     for name in "1231":
         here.keep("a", [(name, b"{}")])
-    await written(table, 1, clock)
-    here.keep("a", [("1", b"{}")])
-    await here.close()
-    assert table.writes == [3]
-
-
-async def test_a_design_that_was_written_long_ago_is_written_again() -> None:
-    """By then the database may have forgotten it."""
-    table, clock = Table(), TurnedClock()
-    here = KeptDesigns(table.read, table.write, clock=clock)
-    here.keep("a", [("1", b"{}")])
     await written(table, 1, clock)
     clock.turn(FRESH_SECONDS - 0.001)
     here.keep("a", [("1", b"{}")])
@@ -266,6 +256,8 @@ async def test_a_design_that_was_written_long_ago_is_written_again() -> None:
     clock.turn(0.002)
     here.keep("a", [("1", b"{}")])
     await written(table, 2, clock)
+    await here.close()
+    assert table.writes == [3, 1]
 
 
 async def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:

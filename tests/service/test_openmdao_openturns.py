@@ -72,15 +72,6 @@ def test_its_driver_ends_at_the_optimisers_optimum(example: Any) -> None:
     assert cost == pytest.approx(at_the_optimum, rel=2e-5)
 
 
-@pytest.mark.long
-def test_the_page_of_openmdao_shows_what_the_example_prints(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example.main(str(EXAMPLES / "demo.yaml"))
-    page = (ROOT / "docs" / "integrations" / "openmdao.md").read_text(encoding="utf-8")
-    assert capsys.readouterr().out in page
-    (printed,), _ = run_page("openmdao", **{"demo.yaml": str(EXAMPLES / "demo.yaml")})
-    assert re.match(r"\[1\.1437\d*\] \{.*'p95_mm', .*'values'", printed), printed
-
-
 # --- a Monte Carlo of OpenTURNS over the chain, against `verify` ----------------------------------
 
 
@@ -116,9 +107,19 @@ def test_p95_by_openturns_is_that_of_verify(chain: Any) -> None:
 
 
 @pytest.mark.long
-def test_the_page_of_openturns_shows_what_the_example_prints(chain: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    chain.main(str(EXAMPLES / "demo.yaml"))
-    page = (ROOT / "docs" / "integrations" / "openturns.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize(
+    ("name", "module", "expected"),
+    [
+        ("openmdao", "example", r"\[1\.1437\d*\] \{.*'p95_mm', .*'values'"),
+        ("openturns", "chain", r"\d+ random inputs, the last of them execution\[\d\]\nP95 1\.1\d+ mm, between"),
+    ],
+    ids=["openmdao", "openturns"],
+)
+def test_a_page_shows_what_its_example_prints(
+    name: str, module: str, expected: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    request.getfixturevalue(module).main(str(EXAMPLES / "demo.yaml"))
+    page = (ROOT / "docs" / "integrations" / f"{name}.md").read_text(encoding="utf-8")
     assert capsys.readouterr().out in page
-    (printed,), _ = run_page("openturns", **{"demo.yaml": str(EXAMPLES / "demo.yaml")})
-    assert re.match(r"\d+ random inputs, the last of them execution\[\d\]\nP95 1\.1\d+ mm, between", printed), printed
+    (printed,), _ = run_page(name, **{"demo.yaml": str(EXAMPLES / "demo.yaml")})
+    assert re.match(expected, printed), printed

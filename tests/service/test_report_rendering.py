@@ -219,7 +219,7 @@ def test_html_shows_names_and_never_runs_them() -> None:
     report = compute_report(load_design(hostile_design()), ReportContents(trials=2_000))
     page = Page(render("report", to_json(report), "html"))
     running = [text for text, script in zip(page.scripts, page.of("script"), strict=True) if "type" not in script]
-    assert running == [viewer()]
+    assert running == [(TEMPLATES / "viewer.js").read_text(encoding="utf-8").strip()]
     assert not page.of("img")
     assert HOSTILE in "".join(page.texts)
     assert json.loads(page.record)["design"]["description"] == hostile_design()["description"]
@@ -227,10 +227,6 @@ def test_html_shows_names_and_never_runs_them() -> None:
 
 TEMPLATES = Path(html_module.__file__).parent / "templates"
 CSS = "".join((TEMPLATES / name).read_text(encoding="utf-8") for name in ("report.css", "screen.css"))
-
-
-def viewer() -> str:
-    return (TEMPLATES / "viewer.js").read_text(encoding="utf-8").strip()
 
 
 THEMES = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block)) for block in re.findall(r":root \{[^}]*\}", CSS)]
@@ -488,7 +484,8 @@ def test_missing_libraries_are_named(
 # --- every kind of result -------------------------------------------------------------------------
 
 
-def results(report: Report) -> dict[str, bytes]:
+@pytest.fixture(scope="module")
+def every_kind(report: Report) -> dict[str, bytes]:
     """One result of every kind that has chapters."""
     from datetime import date
 
@@ -509,11 +506,6 @@ def results(report: Report) -> dict[str, bytes]:
         "report": report,
     }
     return {name: to_json(record) for name, record in pairs.items()}
-
-
-@pytest.fixture(scope="module")
-def every_kind(report: Report) -> dict[str, bytes]:
-    return results(report)
 
 
 @pytest.mark.long(

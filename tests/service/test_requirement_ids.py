@@ -91,11 +91,6 @@ def hostile() -> GateRecord:
     return replace(record, designs=(replace(record.designs[0], numbers=numbers, requirements=asked),))
 
 
-def record_of(title: str) -> GateRecord:
-    found: GateRecord = read_record("gate", golden(title, "json").read_bytes())
-    return found
-
-
 def test_a_case_of_junit_has_the_ids_of_its_requirement() -> None:
     """published: Xray, "Taking advantage of JUnit XML reports": property requirements of a testcase, by commas."""
     text = render_junit(judged())
@@ -177,7 +172,7 @@ def assert_valid(root: ET.Element, space: str) -> None:
 
 @pytest.mark.parametrize("title", [title for title in SCENES if golden(title, "json").exists()])
 def test_needs_and_reqif_say_of_every_gate_what_its_record_says(title: str) -> None:
-    record = record_of(title)
+    record: GateRecord = read_record("gate", golden(title, "json").read_bytes())
     plain, needs, objects = plain_record(record), needs_of(record), objects_of(record)
     stated = [each["Status"] for each in objects]
     assert stated == [need["status"] for need in needs.values()]  # without ids: one of each

@@ -78,16 +78,12 @@ class Clone:
         return (self.folder / "calls").read_text().splitlines()
 
 
-def stages(stderr: str) -> list[str]:
-    """The lines of ./run, without the seconds at their end."""
-    return [line.rpartition(" ... ")[0] or line for line in stderr.splitlines()]
-
-
 def test_each_stage_is_one_line_and_the_installer_is_silent(tmp_path: Path) -> None:
     clone = Clone(tmp_path)
     done = clone.run("demo")
     assert done.stdout == "the demo\n"
-    assert stages(done.stderr) == [
+    stages = [line.rpartition(" ... ")[0] or line for line in done.stderr.splitlines()]  # without seconds at their end
+    assert stages == [
         "run: creating the environment (uv)",
         "run: installing 1 packages (uv)",
         "run: installing 2 packages (uv)",

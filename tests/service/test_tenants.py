@@ -136,16 +136,11 @@ def compute(place: Place, names: set[str]) -> Property:
                 pending.append(response.headers["location"])
                 break
     for location in pending:
-        job = finished(place, location, place.keys["a"])
+        job = ended_job(place.client, location, Authorization=bearer(place.keys["a"]))
         assert job["state"] == "succeeded", job
         jobs[job["kind"]] = job["id"]
         results[job["kind"]] = job["result_sha256"]
     return Property(jobs, results)
-
-
-def finished(place: Place, location: str, key: str) -> dict[str, Any]:
-    """The job once it has ended."""
-    return ended_job(place.client, location, Authorization=bearer(key))
 
 
 def answer(response: httpx.Response, identity: str) -> tuple[int, dict[str, str], bytes]:
