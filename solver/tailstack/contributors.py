@@ -115,16 +115,19 @@ Value = Callable[[LinearLaw], float]  # of a law, in its unit
 
 def value_of(requirement: Requirement) -> Value | None:
     """What of a law is limited; None where a quantile decides it."""
-    of_law = None if requirement.row.by_quantile else requirement.row.of_law
-    if of_law is None:
+    if requirement.row.by_quantile or requirement.row.of_law is None:
         return None
+    return lambda law: read_value(requirement, LawReading(law, requirement.quantile, requirement.limit))
 
-    def value(law: LinearLaw) -> float:
-        found = of_law(LawReading(law, requirement.quantile, requirement.limit))
-        assert found is not None  # there is a limit
-        return found
 
-    return value
+def read_value(requirement: Requirement, reading: LawReading) -> float:
+    """What is limited, of a law that is read at the quantile and the limit of the requirement, in its unit."""
+    row = requirement.row
+    if row.by_quantile or row.of_law is None:
+        return reading.quantile.quantile_mm
+    found = row.of_law(reading)
+    assert found is not None  # there is a limit
+    return found
 
 
 def error_law(model: ErrorModel, error: str, quantile: float, value: Value | None = None) -> ErrorLaw:

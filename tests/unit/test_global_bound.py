@@ -54,10 +54,12 @@ from tailstack.optimisation.global_bound import (
     left_out,
     most_known,
     net_of,
+    parts_of,
     slopes_at,
     spread_directions,
     sure_quantile,
 )
+from tailstack.optimisation.mixture import MixedParts
 from tailstack.optimisation.problem import Choice, Survival, apply_choice, present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, Shape, bounding_box, sample
 from tailstack.optimisation.search import explore, prepare_search, search, solve_start
@@ -352,8 +354,8 @@ def test_any_unknowns_bound_what_layouts_know(monkeypatch: pytest.MonkeyPatch) -
     problem = navigation(6)
     best = bound_of(problem).value_mm
 
-    def perturbed(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
-        z = choose_unknowns(information, cells, directions)
+    def perturbed(parts: MixedParts, directions: Array) -> Array:
+        z = choose_unknowns(parts, directions)
         spread = np.random.default_rng(0).normal(size=z.shape) * 0.03 * np.abs(z)
         return np.concatenate([directions, (z + spread)[:, 3:]], axis=1)
 
@@ -415,7 +417,7 @@ def test_a_second_solver_knows_as_much_along_a_direction() -> None:
     kept = scale @ along.T @ base @ along @ scale + told - known * corner
     cp.Problem(cp.Maximize(known), [cp.sum(weights) <= 6, weights <= 1, kept >> 0]).solve(solver=cp.CLARABEL)
     best = float(known.value) / scale[0, 0] ** 2
-    z = choose_unknowns(information, (cells,), direction[None])
+    z = choose_unknowns(parts_of(information, (cells,)), direction[None])
     own = float(z[0] @ base @ z[0] + cells.most(((cells.slopes @ z.T) ** 2).sum(axis=1))[0])
     assert best * (1 - 1e-6) <= own <= 1.03 * best
     assert most_known(information, (cells,), z)[0] >= own
@@ -514,7 +516,8 @@ def test_no_optimised_layout_is_below_it(estimator: Estimator, form: Triangulati
     assert len(found) >= 80
     (cells,) = (cells_of(information, beads) for beads in information.beads)
     directions = np.random.default_rng(0).normal(size=(64, 3))
-    told = ((cells.slopes @ choose_unknowns(information, (cells,), directions).T) ** 2).sum(axis=1)
+    z = choose_unknowns(parts_of(information, (cells,)), directions)
+    told = ((cells.slopes @ z.T) ** 2).sum(axis=1)
     support = [BOX_MM.mean(axis=0) + cells.centres[np.argsort(-own)[:8]] for own in told.T]
     from_support = explore(prepared.program, prepared.terms, support)
     found += [prepared.program.split(item.point.x).fiducials_mm for item in from_support.iterates]

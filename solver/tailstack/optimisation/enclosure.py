@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
-from .mixture import solve_positive, substitute
+from .mixture import factorise, substitute
 
 ROUNDING = 2.0**-44  # of sums of absolute values: fewer than 2^9 operations, each to 2^-53
 
@@ -103,8 +103,7 @@ def enclose(
                     for a in range(3):
                         for b in range(3):
                             inner[a, b] += by_made[r, a] * by_made[r, b]
-                units[:] = 0.0
-                solve_positive(inner, units)
+                factorise(inner)
             units[:] = 0.0
             for r in range(rows):
                 seen = 0.0

@@ -20,7 +20,7 @@ from math import log, sqrt
 import numpy as np
 from scipy.special import ndtri
 
-from ..contributors import Columns, WorstCase, columns_of, declared_law, law_of, value_of, worst_case
+from ..contributors import Columns, WorstCase, columns_of, declared_law, law_of, read_value, value_of, worst_case
 from ..geometry.arrays import Array
 from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
@@ -140,9 +140,8 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint, *, fine: bool 
     if not demand.nested:
         law = declared_law(model, requirement.error, worst.mean_mm)
         of_law = LawReading(law, requirement.quantile, requirement.limit, fine=fine)
-        quantile, row = of_law.quantile, requirement.row
+        quantile, found = of_law.quantile, read_value(requirement, of_law)
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300) if fine else QUICK_ERROR
-        found = quantile.quantile_mm if row.by_quantile or row.of_law is None else row.of_law(of_law) or 0.0
         return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst, quantile)
     laws = unit_laws(columns_of(model, requirement.error), demand, worst.mean_mm)
     how = (LOG2_UNITS,) if fine else (LOG2_QUICK_UNITS, QUICKLY_CORRECTED)

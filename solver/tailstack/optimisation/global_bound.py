@@ -713,13 +713,13 @@ def known_from_target(information: Information, z: Array) -> Array:
     return np.asarray(told.max(axis=2).ravel())
 
 
-def choose_unknowns(information: Information, cells: tuple[Cells, ...], directions: Array) -> Array:
+def choose_unknowns(parts: MixedParts, directions: Array) -> Array:
     """z (K, D), of target part ``directions`` (K, 3), with nearly the least U: those of the layouts' mixture that knows
     most along each (``mixture``).
 
     In floats: a bad choice only makes the bound worse.
     """
-    found = mix(parts_of(information, cells), directions[:, None], True, ROUNDS, AGAIN, UPDATES).z[:, 0]
+    found = mix(parts, directions[:, None], True, ROUNDS, AGAIN, UPDATES).z[:, 0]
     return np.concatenate([directions, found[:, 3:]], axis=1)
 
 
@@ -816,10 +816,11 @@ class Net:
 def find_net(information: Information) -> Net:
     """The net of directions, each with a bound of what any layout knows along it.  Raises NoBound."""
     cells = cells_in(information)
-    metric = covariance_in(even_information(information, cells))
+    parts = parts_of(information, cells)
+    metric = covariance_in(parts.evenly)
     points, faces = spread_directions(FREQUENCY)
     directions = points @ np.linalg.cholesky(metric).T
-    known = most_known(information, cells, choose_unknowns(information, cells, directions))
+    known = most_known(information, cells, choose_unknowns(parts, directions))
     return net_through(directions, faces, known, metric)
 
 

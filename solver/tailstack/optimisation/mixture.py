@@ -36,16 +36,21 @@ class Mixed(NamedTuple):
 
 
 @kernel(nogil=True)
-def solve_positive(matrix: Array, right: Array) -> None:
-    """Replace right (A, D) by the solutions x of ``matrix x = right``, one in each row; matrix (D, D) symmetric and
-    positive becomes its triangular factor."""
-    size = len(matrix)
-    for i in range(size):
+def factorise(matrix: Array) -> None:
+    """Replace the lower half of a symmetric and positive matrix (D, D) by its triangular factor."""
+    for i in range(len(matrix)):
         for j in range(i + 1):
             total = matrix[i, j]
             for k in range(j):
                 total -= matrix[i, k] * matrix[j, k]
             matrix[i, j] = np.sqrt(max(total, SINGULAR * matrix[i, i])) if i == j else total / matrix[j, j]
+
+
+@kernel(nogil=True)
+def solve_positive(matrix: Array, right: Array) -> None:
+    """Replace right (A, D) by the solutions x of ``matrix x = right``, one in each row; matrix (D, D) symmetric and
+    positive becomes its triangular factor."""
+    factorise(matrix)
     substitute(matrix, right)
 
 
@@ -157,10 +162,10 @@ def whiten_rows(slopes: Array, moved: Array) -> None:
         own, by = slopes[n], moved[n]
         for i in range(rows):
             for j in range(i + 1):
-                total = by[i, 0] * by[j, 0] + by[i, 1] * by[j, 1] + by[i, 2] * by[j, 2] + (1.0 if i == j else 0.0)
-                for k in range(j):
-                    total -= factor[i, k] * factor[j, k]
-                factor[i, j] = np.sqrt(total) if i == j else total / factor[j, j]
+                factor[i, j] = by[i, 0] * by[j, 0] + by[i, 1] * by[j, 1] + by[i, 2] * by[j, 2]
+            factor[i, i] += 1.0
+        factorise(factor)
+        for i in range(rows):
             for j in range(i):
                 add_times(own[i], -factor[i, j], own[j])
             for d in range(own.shape[1]):

@@ -586,7 +586,10 @@ def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | 
 
 def single_evaluation(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw:
     """The same of one vector, which has derivatives."""
-    accuracy = accuracy_for(probability_iv(p), fine)
+    return _evaluate_to(law, accuracy_for(probability_iv(p), fine))
+
+
+def _evaluate_to(law: LinearLaw, accuracy: Accuracy) -> DeclaredLaw | GaussianLaw:
     return DeclaredLaw(law, accuracy) if law.columns.any() else GaussianLaw(law)
 
 
@@ -616,8 +619,7 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
 def chance_gradient(law: LinearLaw, r: float) -> tuple[float, LawGradient] | None:
     """P(|e| <= r) of one vector, r in mm, and its derivatives per mm, mm^2 and relative change of a column, to 1e-7;
     None where the law would have to be sampled."""
-    own = DeclaredLaw(law, _OF_CHANCES) if law.columns.any() else GaussianLaw(law)
-    return own.probability_gradient(r)
+    return _evaluate_to(law, _OF_CHANCES).probability_gradient(r)
 
 
 MIXED_METHOD = "mixture over missed fiducials of exact laws"
