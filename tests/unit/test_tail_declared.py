@@ -292,9 +292,8 @@ def test_ball_transforms_against_quadrature(dimension):
         assert first == pytest.approx(surface(1.3, t), rel=1e-9)
         h = 1e-5
         assert second == pytest.approx((surface(1.3 + h, t) - surface(1.3 - h, t)) / (2 * h), rel=1e-6, abs=1e-6)
-        if dimension == 3:
-            inner = quad(lambda x, t=t: ball_sums(x, 3, np.array([t]), one)[0], 0, 1.3, epsabs=1e-11)[0]
-            assert ball_integral(1.3, np.array([t]), one) == pytest.approx(inner, rel=1e-7)
+        inner = quad(lambda x, t=t: ball_sums(x, dimension, np.array([t]), one)[0], 0, 1.3, epsabs=1e-11)[0]
+        assert ball_integral(1.3, dimension, np.array([t]), one) == pytest.approx(inner, rel=1e-7)
 
 
 def draw_norms(law, count, seed):

@@ -72,6 +72,7 @@ _LARGEST_COARSE_BOX = 2e5
 _OF_CHANCES = Accuracy(1.5e-9, 3e-9, _LARGEST_BOX)  # of which a bound takes 1e-7 off
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
+_NO_OFFSET = 1e-24  # of a square: what rounding leaves of a mean in the plane beyond it
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 FAR = 10.0  # standard deviations within which all of a law is: beyond is less than exp(-50)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
@@ -978,8 +979,8 @@ def outer_lattice(frame: PrincipalLaw, accuracy: Accuracy) -> tuple[float, Latti
 @kernel()
 def excess_integral(low: float, high: float, frame: PrincipalLaw, t: Array, w: Array) -> float:
     """int_low^high P(|e| > x) dx, mm, from the terms t (n,) 1/mm and w (n,) of a lattice for radii up to `high`."""
-    if frame.dimension == 3:
-        return high - low - ball_integral(high, t, w) + ball_integral(low, t, w)
+    if frame.offset <= _NO_OFFSET * high * high:
+        return high - low - ball_integral(high, frame.dimension, t, w) + ball_integral(low, frame.dimension, t, w)
     # The radius in the frame is sqrt(x^2 - offset), smooth in theta where x = below + span sin^2(theta).
     below = max(low, sqrt(frame.offset))
     span = high - below

@@ -753,11 +753,37 @@ def ball_sums(r: float, dimension: int, t: Array, w: Array) -> tuple[float, floa
 
 
 @kernel()
-def ball_integral(r: float, t: Array, w: Array) -> float:
-    """int_0^r sum w B_x(t) dx in three dimensions: the integral of the probability over the radius.
+def disc_integral(x: float) -> float:
+    """int_0^1 y J1(x y) dy / x, x >= 0: the mean of ``sin(a)^2 (sin z - z cos z) / z^3``, z = x sin a, over all angles,
+    by the rule of :func:`bessel_j01`."""
+    nodes = 8 + int(x / 3.0)
+    total = 0.0
+    for k in range(nodes):
+        s = sin(0.5 * pi * (k + 0.5) / nodes)
+        z = x * s
+        z2 = z * z
+        near = 1.0 / 3.0 - z2 / 30.0 + z2 * z2 / 840.0
+        total += s * s * (near if z < 0.04 else (sin(z) - z * cos(z)) / (z2 * z))
+    return total / nodes
+
+
+@kernel()
+def ball_integral(r: float, dimension: int, t: Array, w: Array) -> float:
+    """int_0^r sum w B_x(t) dx for the ball, the disc or the interval: the integral of the probability over the radius.
 
     t (n,) 1/mm, w (n,): the terms of a lattice for radii up to r mm or more.
     """
+    flat = 0.0
+    if dimension == 2:
+        for i in range(t.size):
+            flat += w[i] * disc_integral(r * t[i])
+        return 2.0 * pi * r * r * r * flat
+    if dimension == 1:
+        for i in range(t.size):
+            half = 0.5 * r * t[i]
+            ratio = sin(half) / half if half > 0.0 else 1.0
+            flat += w[i] * ratio * ratio
+        return r * r * flat
     s = np.empty(t.size)
     c = np.empty(t.size)
     sines(r, t, s, c)
