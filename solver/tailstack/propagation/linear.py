@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf, nan, sqrt
 from typing import NamedTuple, assert_never
 
@@ -202,7 +203,15 @@ def mounts_of(
     return Mounts(first, undone, second, third, system.T_tcp_con, system.reading, system.execution.known)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class SeatMove(NamedTuple):
+    """The structure's mount moved a little along one direction of what it varies by, in which it turns."""
+
+    displaced: Displacement
+    imaging: Imaging
+    back: Array  # (3, 3) from there into the frame of the chain's points
+
+
+@dataclass(frozen=True, eq=False)
 class Chain:
     """What a system does at its bias, for all targets alike."""
 
@@ -213,6 +222,19 @@ class Chain:
     matrix_gains: tuple[MatrixGains, ...]  # of the resected matrices (``nonlinearity.view_matrix_gains``)
     matrix_covariance: Array  # (12 V, 12 V) of them (``nonlinearity.matrix_covariance``)
     of_images: tuple[Effect, ...]  # ``effects_of_images``
+
+    @cached_property
+    def seat_moves(self) -> tuple[SeatMove, ...]:
+        """Of which ``gains_moved_by_seat`` asks at every target."""
+        system, mount, moves = self.system, self.system.structure_connector, []
+        axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
+        for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
+            first = displacement(mount.known + _STEP * direction, mount.pivot_mm, system.rotation_form)
+            geometry = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
+            physical = system.reading is Reading.PHYSICAL
+            back = self.mounts.undone @ first.rotation if physical else self.mounts.first.rotation @ first.rotation.T
+            moves.append(SeatMove(first, imaging_of(system, *geometry), back))
+        return tuple(moves)
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
@@ -507,20 +529,15 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
     The structure is seen from elsewhere then.  That the error turns with it changes no norm, and is left out.
     at_rest (3, M): of single images (``columns.assemble``).
     """
-    system, mount = chain.system, chain.system.structure_connector
+    system = chain.system
     spread = np.concatenate([each.sources.spread for each in chain.of_images])
-    axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
     square, still = 0.0, np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2, 0))
-    for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
-        first = displacement(mount.known + _STEP * direction, mount.pivot_mm, system.rotation_form)
-        geometry = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
+    for first, imaging, back in chain.seat_moves:
         if system.reading is Reading.PHYSICAL:
             reconstructed = np.asarray(np.linalg.solve(first.rotation, target_mm - first.shift_mm), dtype=np.float64)
-            back = chain.mounts.undone @ first.rotation
         else:
             reconstructed = first.move(target_mm)
-            back = chain.mounts.first.rotation @ first.rotation.T
-        beside, _ = gains_of_images(imaging_of(system, *geometry), chain.weights, reconstructed, still)
+        beside, _ = gains_of_images(imaging, chain.weights, reconstructed, still)
         change = (back @ beside[:, : at_rest.shape[1]] - at_rest) * (spread / _STEP)
         square += float((change * change).sum())
     return square
