@@ -54,6 +54,7 @@ _TABLE = {
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
         0.3 geometry.spectrum.eigen_symmetric   f2
         0.7 tail.lattice.ball_sums              f i f1 f1
+        0.8 tail.declared.probabilities_within  f1 i f1 f1
         0.5 tail.contour.tail_nodes             f b f1 f1
         0.5 tail.assembling.assemble_law          f2 f1 f1 i1
         0.4 tail.gaussian.law_on_axes           f1 f1 f

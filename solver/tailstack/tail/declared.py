@@ -263,6 +263,21 @@ class DeclaredLaw:
             return self.points.probability(r)
         return min(max(float(ball_sums(rho, self.frame.dimension, lattice.t, lattice.w)[0]), 0.0), 1.0)
 
+    def probabilities(self, radii: Array) -> Array:
+        """P(|e| <= r) at each radius, (n,) mm, all from one lattice."""
+        square = radii**2 - self.frame.offset
+        farthest = np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)
+        chances = np.where(square >= float((farthest**2).sum()), 1.0, 0.0)
+        between = (square > 0.0) & (chances == 0.0)
+        if between.any():
+            self.probability(float(radii[between].max()))  # which has a lattice that serves them all
+            chances[between] = (
+                probabilities_within(np.sqrt(square[between]), self.frame.dimension, self._lattice.t, self._lattice.w)
+                if self._lattice is not None and self._lattice.volume > 0.0
+                else [self.points.probability(r) for r in radii[between].tolist()]
+            )
+        return chances
+
     def exceedance(self, r: float) -> float:
         """P(|e| > r)"""
         return 1.0 - self.probability(r)
@@ -643,6 +658,16 @@ class MixedLaw:
                 member.quantile(self.near)  # radii up to a little above it are read from one lattice
         return members
 
+    def _probabilities_at(self, radii: Array) -> Array:
+        """P(|e| <= r) at each radius, (n,) mm."""
+        each = [
+            member.probabilities(radii)
+            if isinstance(member, DeclaredLaw)
+            else np.array([member.probability(r) for r in radii.tolist()])
+            for member in self._members
+        ]
+        return np.asarray(self.weights @ np.array(each))
+
     def probabilities(self, radii: Array) -> Array:
         """(S,) P_k(|e| <= r_k) of each of the laws; radii (S,) mm."""
         return np.array([member.probability(r) for member, r in zip(self._members, radii.tolist(), strict=True)])
@@ -709,14 +734,14 @@ class MixedLaw:
         orders = (np.arange(parts) + 0.5) / parts
         law = MixedLaw(self.laws, self.weights, orders[-1], fine=False)
         found, off = np.full(parts, np.nan), float(law.weights.sum()) >= orders
-        end = law_quantile(law.laws[int(law.weights.argmax())], orders[-1], fine=False).quantile_mm or 1e-9
+        end = law._members[int(law.weights.argmax())].quantile(law.near).quantile_mm or 1e-9
         while law.probability(end) < orders[off].max(initial=WITHIN) - WITHIN:
             end *= 1.1
         radii = end * np.linspace(0.0, 1.0, _INTERVALS + 1)
-        known = np.array([law.probability(r) for r in radii.tolist()])
+        known = law._probabilities_at(radii)
         for _ in range(_ROUNDS):
             found[off] = np.interp(ndtri(orders[off]), ndtri(np.clip(known, 1e-12, 1 - 1e-12)), radii)
-            reached = np.array([law.probability(r) for r in found[off].tolist()])
+            reached = law._probabilities_at(found[off])
             radii, known = np.sort(np.append(radii, found[off])), np.sort(np.append(known, reached))
             off[off] = (np.abs(reached - orders[off]) > WITHIN) & ((found[off] > 0) | (reached < orders[off]))
             if not off.any():
@@ -937,6 +962,15 @@ def solve_on_lattice(p: float, frame: PrincipalLaw, accuracy: Accuracy, cap: flo
             error = accuracy.aliasing + lattice.decade + 1e-14
             return Solution(True, sqrt(rho * rho + frame.offset), rho, f1 + step * f2, error, cap, lattice)
     return Solution(False, np.nan, 0.0, 0.0, 0.0, 0.0, lattice)
+
+
+@kernel()
+def probabilities_within(radii: Array, dimension: int, t: Array, w: Array) -> Array:
+    """(n,) probabilities within radii (n,) mm, by the terms t 1/mm and w of a lattice that serves the largest."""
+    out = np.empty(radii.size)
+    for i in range(radii.size):
+        out[i] = min(max(ball_sums(radii[i], dimension, t, w)[0], 0.0), 1.0)
+    return out
 
 
 @kernel()
