@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .contributors import ErrorLaw, error_law
+from .contributors import error_law
 from .design import Design, compile_design, design_to_data, load_design
 from .design.bead_noise import BeadNoise
 from .design.cameras import detector_distances
@@ -71,12 +71,7 @@ from .system import (
     std_per_half_width,
 )
 from .tail.assembling import BOUNDED, KIND
-from .tail.declared import (
-    LawSummary,
-    accuracy_for,
-    evaluation_of,
-    law_quantile,
-)
+from .tail.declared import accuracy_for
 from .verdict import conclude
 
 BLOCK = 1024  # rows that are computed in one go
@@ -372,25 +367,24 @@ class Batch:
         every = models_of(system, models)
 
         @cache
-        def law_at(name: str, error: str) -> ErrorLaw:
-            return error_law(every[name, error], error, P95)
+        def score_at(name: str, error: str) -> ErrorScore:
+            model = every[name, error]
+            return ErrorScore(model, error_law(model, error, P95), tightest_limit(system, name, error))
 
         def of_target(column: str, name: str) -> float:
-            law = law_at(name, "localisation" if column == "localisation_p95_mm" else "tcp").law
+            found = score_at(name, "localisation" if column == "localisation_p95_mm" else "tcp")
             if column == "mean_norm_mm":
-                return evaluation_of(law, P95).excess(0.0)
-            return hypot(*law.mean) if column == "bias_norm_mm" else law_quantile(law, P95).quantile_mm
+                return found.summary.mean_norm_mm
+            return hypot(*found.at.law.mean) if column == "bias_norm_mm" else found.summary.quantile.quantile_mm
 
         checks: list[Check] = []
         if not _ASK.isdisjoint(self.columns):
             trust = trust_of(system, models)
-            for item in system.requirements:
-                for name in item.targets:
-                    at = law_at(name, item.error)
-                    summary = LawSummary(law_quantile(at.law, P95), nan, nan, None)
-                    limit = tightest_limit(system, name, item.error)
-                    found = ErrorScore(every[name, item.error], at, limit, summary)
-                    checks.append(check_requirement(item, name, trust, found))
+            checks = [
+                check_requirement(item, name, trust, score_at(name, item.error))
+                for item in system.requirements
+                for name in item.targets
+            ]
         return self._arrange(of_target, checks)
 
     def _score_in_full(self, row: Array) -> list[Any] | str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import combinations, product
 from math import inf, isinf, isnan
 from typing import Any
@@ -62,7 +63,7 @@ from .results.score import SHOTS, FiftyShots
 from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, MeasureShare, decisive_check
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
-from .tail.declared import LawSummary, LinearLaw, MixedLaw, PairLaw, law_exceedance, law_quantile, law_summary
+from .tail.declared import LawReading, LawSummary, LinearLaw, MixedLaw, PairLaw
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk
 from .verdict import conclude, judge
@@ -208,7 +209,7 @@ def _losses(
             continue
         p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
-            values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
+            values = [metrics[name, item.error].read(p).quantile.quantile_mm for name in item.targets]
         pair = len(system.fiducial_labels) <= PAIRS_UP_TO
         single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
         assert single is not None
@@ -274,9 +275,10 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ErrorScore:
-    """One measure at one of its sites: its model, its law at the worst vertex, and what is read off that.
+    """One measure at one of its sites: its model, its law at the worst vertex, and what is read off that when it is
+    asked for.
 
     Where the design says how often fiducials are missed, ``summary`` is of all shots; ``at`` is of those that miss
     none.
@@ -285,17 +287,33 @@ class ErrorScore:
     model: ErrorModel
     at: ErrorLaw
     limit: float | None
-    summary: LawSummary
     search: LossSearch | None = None  # where fiducials are missed
+
+    @cached_property
+    def summary(self) -> LawReading | LawSummary:
+        """About P95."""
+        shots = self.shots(P95)
+        return self.read(P95) if shots is None else shots.law.summary(P95, self.limit)
+
+    @cached_property
+    def read(self) -> Callable[[float], LawReading]:
+        """What its law says about a quantile, at the vertex that is worst for it; no fiducial missed."""
+        return cache(lambda quantile: LawReading(self.law_at(quantile).law, quantile, self.limit))
 
     @property
     def times_apart(self) -> float:
         """As the model has it."""
         return self.model.times_apart(self.at.error)
 
-    def law_at(self, quantile: float) -> ErrorLaw:
+    @cached_property
+    def law_at(self) -> Callable[[float], ErrorLaw]:
         """At the vertex that is worst for a quantile."""
-        return self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
+        return cache(self._find_law)
+
+    def _find_law(self, quantile: float) -> ErrorLaw:
+        if quantile == P95 or not self.at.worst.signs:
+            return self.at
+        return error_law(self.model, self.at.error, quantile)
 
     def shots(self, quantile: float) -> Shots | None:
         """All shots, where fiducials are missed in some of them."""
@@ -309,8 +327,12 @@ class ErrorScore:
             return self.at.law.mean, self.at.total_covariance
         return shots.law.mean, shots.law.total_covariance
 
-    def unit_risk(self, quantile: float, limit: float | None, fraction: float, level: Drawn = Drawn.UNIT) -> UnitRisk:
-        """:func:`risk_of_units`; no fiducial missed."""
+    @cached_property
+    def unit_risk(self) -> Callable[[float, float | None, float, Drawn], UnitRisk]:
+        """:func:`risk_of_units` at a quantile, a limit, a fraction and a level; no fiducial missed."""
+        return cache(self._find_unit_risk)
+
+    def _find_unit_risk(self, quantile: float, limit: float | None, fraction: float, level: Drawn) -> UnitRisk:
         return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction, level)
 
 
@@ -325,11 +347,12 @@ def _score_metrics(
 
 
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
-    at = error_law(model, error, P95)
+    missed = search is not None and system.loss_probability and not MEASURE[error].paired
     limit = tightest_limit(system, model.site, error)
-    if search is None or not system.loss_probability or MEASURE[error].paired:
-        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
-    return ErrorScore(model, at, limit, search.shots(model.site, error, P95).law.summary(P95, limit), search)
+    found = ErrorScore(model, error_law(model, error, P95), limit, search if missed else None)
+    if missed:  # first: from which lattices a mixture is read depends on what was asked before
+        _ = found.summary
+    return found
 
 
 def _score_measure(error: ErrorScore, site: Site, judged: bool) -> MeasureResult:
@@ -372,7 +395,8 @@ def _draw_fifty(check: Check, error: ErrorScore) -> FiftyShots:
     law = MixedLaw([error.law_at(check.quantile).law], np.ones(1)) if shots is None else shots.law
     values = [None if isnan(value) else value for value in law.middles(SHOTS).tolist()]
     limit = check.limit if check.beyond is None else check.beyond
-    return FiftyShots(f"{measure.words}, {check.target}", measure.unit, tuple(values), limit, law.exceedance(limit))
+    beyond = error.read(check.quantile).beyond(limit) if shots is None else law.exceedance(limit)
+    return FiftyShots(f"{measure.words}, {check.target}", measure.unit, tuple(values), limit, beyond)
 
 
 def _relate_targets(models: Mapping[str, LinearModel]) -> Iterator[TargetCovariance]:
@@ -408,7 +432,7 @@ def _score_breaches(law: LinearLaw, corridor_mm: float) -> tuple[Breach, ...]:
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:
     model, at = tcp.model, tcp.at
     assert isinstance(model, LinearModel)  # of the error at one target
-    whole = tcp.summary.quantile if tcp.search is None else law_quantile(at.law, P95)
+    whole = tcp.read(P95).quantile
     return TargetScore(
         name=model.target.name,
         **_fields(_metric(tcp)),
@@ -451,8 +475,8 @@ def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     if each:
         own = min(each, key=lambda item: item.limit)
         quantile, limit_mm, fraction = own.quantile, own.limit, own.units_fraction or P95
-    risk = tcp.unit_risk(quantile, limit_mm, fraction)
-    usual = risk if (quantile, fraction) == (P95, P95) else tcp.unit_risk(P95, None, P95)
+    risk = tcp.unit_risk(quantile, limit_mm, fraction, Drawn.UNIT)
+    usual = risk if (quantile, fraction) == (P95, P95) else tcp.unit_risk(P95, None, P95, Drawn.UNIT)
     return PerUnit(
         limit_mm=limit_mm,
         yield_fraction=risk.yield_fraction,
@@ -514,7 +538,7 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     elif shots is not None:
         value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
     else:
-        value = (error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)).quantile_mm
+        value = error.read(p).quantile.quantile_mm
         interval = _error_band(value, percent)
     if shots is not None and measure not in POINTS:
         interval, why = OPEN, f"no estimate is known of {measure.words} where fiducials are missed"
@@ -532,10 +556,13 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     """
     p, limit, row, measure = requirement.quantile, requirement.limit, requirement.row, MEASURE[requirement.error]
     own = value_of(requirement)
-    at = error.law_at(p) if own is None else error_law(error.model, error.at.error, p, own)
-    law, shots = at.law, error.shots(p)
+    shots, reading = error.shots(p), error.read(p)
+    if own is not None and error.at.worst.signs:  # another vertex may be worst for it
+        reading = LawReading(error_law(error.model, error.at.error, p, own).law, p)
+    if row.unit:  # a probability is that of its own limit
+        reading = reading.at_limit(limit)
     assert row.of_law is not None  # or it would be a quantile
-    value = row.of_law(law_summary(law, p, limit) if shots is None else shots.law.summary(p, limit))
+    value = row.of_law(reading if shots is None else shots.law.summary(p, limit))
     assert value is not None
     why = ""
     doubt = error.model.doubt
@@ -550,7 +577,7 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     times = 1 + percent / 100
     ends = (value / times, value * times)
     if row.unit:
-        ends = (law_exceedance(law, limit * times), law_exceedance(law, limit / times))
+        ends = (reading.beyond(limit * times), reading.beyond(limit / times))
     return judge(requirement, target, value, ends)
 
 

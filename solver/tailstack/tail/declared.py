@@ -11,6 +11,7 @@ Which it was, and how far off it may be, is part of the answer.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import inf, log, sqrt
@@ -776,18 +777,18 @@ class LawReading:
     """What a score says about a law, each number read when it is asked for; fine: as of :func:`law_quantile`."""
 
     def __init__(self, law: LinearLaw, p: float, limit: float | None = None, *, fine: bool = True) -> None:
-        self._evaluation, self._p, self._limit = evaluation_of(law, p, fine), float(p), limit
+        self._evaluation, self._p, self.limit = evaluation_of(law, p, fine), float(p), limit
 
     @cached_property
     def quantile(self) -> LawQuantile:
         return self._evaluation.quantile(self._p)
 
-    @property
+    @cached_property
     def mean_norm_mm(self) -> float:
         """E|e|"""
         return self._evaluation.excess(0.0)
 
-    @property
+    @cached_property
     def cvar_mm(self) -> float:
         """E[|e| given |e| >= quantile]"""
         beyond = self._evaluation.excess(self.quantile.quantile_mm)
@@ -795,8 +796,19 @@ class LawReading:
 
     @property
     def exceedance(self) -> float | None:
-        """P(|e| > limit), on the lattice of the quantile where that serves."""
-        return None if self._limit is None or not self.quantile else self._evaluation.exceedance(float(self._limit))
+        """P(|e| > limit), of the limit that it has."""
+        return None if self.limit is None else self.beyond(self.limit)
+
+    def beyond(self, limit: float) -> float:
+        """P(|e| > limit), limit >= 0 mm, on the lattice of the quantile where that serves."""
+        _ = self.quantile  # first, for its lattice
+        return self._evaluation.exceedance(float(limit))
+
+    def at_limit(self, limit: float) -> LawReading:
+        """The same of another limit, with what was read already."""
+        other = copy(self)
+        other.limit = limit
+        return other
 
 
 def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
