@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations, product
@@ -14,9 +14,10 @@ import numpy as np
 
 from .budget import budget
 from .contributors import ErrorLaw, error_law, risk_of_units, value_of
+from .cures import ask_label
 from .design import Design, check_design
 from .effects import EFFECTS
-from .errors import OutOfRangeError, Problem
+from .errors import DesignError, OutOfRangeError, Problem
 from .estimation.checks import examine
 from .geometry.arrays import Array
 from .geometry.rotation import transform_points
@@ -96,6 +97,7 @@ def score(
     reliability: bool = False,
     fifty_shots: bool = False,
     covariances: bool = False,
+    targets: Collection[str] | None = None,
 ) -> Score:
     """Score a design to first order, every target and requirement.
 
@@ -107,9 +109,11 @@ def score(
     again, and how far each lever leads by itself.  ``reliability`` adds, for each view and fiducial, the smallest slip
     of its image that a test of residuals notices, and what one below it does.  ``fifty_shots`` adds what fifty shots
     come to that stand for all, of the requirement that decides.  ``covariances`` adds the covariance of the errors at
-    every two targets, (3, 3) mm2 of those at the tool, in tcp, and as located, in con.  Raises DesignError for a
-    document that breaks its rules, IllPosedError for a geometry that does not determine the answer, OutOfRangeError
-    for covariances of too many targets.
+    every two targets, (3, 3) mm2 of those at the tool, in tcp, and as located, in con.  ``targets``: names of those
+    that are told, with their budgets, beside the one at which the design is decided and the one with the largest P95;
+    without it all of them.  Validity, verdict, losses and measures are of all targets either way.  Raises DesignError
+    for a document that breaks its rules and for a name that no target has, IllPosedError for a geometry that does not
+    determine the answer, OutOfRangeError for covariances of too many targets.
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
@@ -127,12 +131,15 @@ def score(
     if search is not None and system.loss_probability:
         trust = trust_over_shots(trust, search)
         findings += (_remark_missed(search, trust),)
-    targets = tuple(
-        _score_target(system, metrics[name, "tcp"], metrics[name, "localisation"], second_order) for name in models
+    with_levers = losses and not system.loss_probability  # which rest on the budgets of all targets
+    told = _choose_targets(targets, decides, metrics, models)
+    scored = tuple(
+        _score_target(system, metrics[name, "tcp"], metrics[name, "localisation"], second_order)
+        for name in (models if with_levers else told)
     )
     return Score(
         schema="tailstack/score/1",
-        targets=targets,
+        targets=tuple(each for each in scored if each.name in told),
         validity=trust,
         views=views,
         verdict=conclude(checks, findings, basis_of("first order", system)),
@@ -140,10 +147,27 @@ def score(
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
         measures=tuple(_score_measure(metrics[each.key], each.site, each.key in judged) for each in derived),
-        levers=tuple(_levers(design, system, metrics, targets)) if losses and not system.loss_probability else (),
+        levers=tuple(_levers(design, system, metrics, scored)) if with_levers else (),
         fifty_shots=_draw_fifty(decides, metrics[decides.target, decides.error]) if fifty_shots and decides else None,
         covariances=tuple(_relate_targets(models)) if covariances else (),
     )
+
+
+def _choose_targets(
+    asked: Collection[str] | None,
+    decides: Check | None,
+    metrics: Mapping[tuple[str, str], ErrorScore],
+    every: Collection[str],
+) -> list[str]:
+    """Names of those that a score tells, in their order.  Raises DesignError."""
+    if asked is None:
+        return list(every)
+    if unknown := [name for name in asked if name not in every]:
+        detail = f"no target is called {unknown[0]!r}; there are {', '.join(list(every)[:20])}"
+        raise DesignError(Problem("/targets", "unknown-target", detail, ask_label(unknown[0], list(every))))
+    widest = max(every, key=lambda name: metrics[name, "tcp"].summary.quantile.quantile_mm)
+    told = {*asked, widest, *([] if decides is None else [decides.target])}
+    return [name for name in every if name in told]
 
 
 def _levers(

@@ -269,6 +269,17 @@ def test_a_name_that_no_field_has_is_a_limit_of_what_can_be_read(client: httpx.C
     check_problem(client.post("/v1/validations", content=f"{name}: 1", headers=YAML), 422, "limit-exceeded")
 
 
+def test_a_target_that_a_score_is_to_tell_is_one_of_the_design(client: httpx.Client) -> None:
+    design = small_design()
+    told = client.post("/v1/scores", json={"design": design, "targets": []}).json()
+    assert told == client.post("/v1/scores", json={"design": design}).json()  # it decides, and is told
+    body = {"design": design, "targets": ["nowhere"]}
+    document = check_problem(client.post("/v1/scores", json=body), 422, "invalid-design")
+    assert [(error["pointer"], error["code"]) for error in document["errors"]] == [
+        ("/design/targets", "unknown-target")
+    ]
+
+
 def test_unknown_addresses_are_404_and_other_methods_405_with_the_allowed_ones(client: httpx.Client) -> None:
     for method, path in (("GET", "/v1"), ("POST", "/v2/scores"), ("GET", "/%00")):
         check_problem(client.request(method, path), 404, "not-found")

@@ -62,6 +62,23 @@ def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: S
     assert len(set(found["shown"])) > 20  # P95 has two decimals; its change has one more
 
 
+@pytest.mark.long
+def test_a_drag_asks_for_the_targets_that_are_shown(service: Served) -> None:
+    design = (EXAMPLES / "locators_321.yaml").read_text(encoding="utf-8")
+    found = used(service.url, "told", design, bead="J", other="workspace[0]")
+    every = [target.name for target in score(load_design(design), losses=False).targets]
+    for held, let_go in found["found"]:
+        assert let_go["asked"] == "all"
+        assert let_go["told"] == let_go["offered"] == held["offered"] == every
+        assert held["p95"] == let_go["p95"]
+        assert held["budget"] == let_go["budget"] in held["told"]
+    (opened, _), (other, _), (table, _) = found["found"]
+    assert [opened["asked"], other["asked"], table["asked"]] == [[], ["workspace[0]"], "all"]
+    assert other["budget"] == "workspace[0]"
+    assert len(opened["told"]) < len(other["told"]) < len(every)
+    assert found["columns"] == 9  # the contributor, and the eight targets with the largest P95
+
+
 # --- what was done can be undone, and is kept --------------------------------------------------------------------
 
 

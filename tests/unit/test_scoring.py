@@ -8,6 +8,7 @@ from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,11 +31,13 @@ from scenes import (
 from tailstack import load_design, score, verify
 from tailstack.contributors import worst_case
 from tailstack.design import compile_design
+from tailstack.errors import DesignError
 from tailstack.estimation.resection import project
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
 from tailstack.results import SlipReliability
+from tailstack.results.verdicts import decisive_check
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import declared, sampling
 
@@ -414,3 +417,40 @@ def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
     some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True, losses=False).reliability
     assert len(some) == 15
     assert score(system, losses=False).reliability == ()
+
+
+def data_of(name: str) -> dict[str, Any]:
+    data: dict[str, Any] = yaml.safe_load((EXAMPLES / f"{name}.yaml").read_text(encoding="utf-8"))
+    return data
+
+
+def missed_at_two() -> dict[str, Any]:
+    data = data_of("demo")
+    data["fiducials"]["loss_probability"] = 0.02
+    return {**data, "targets": [*data["targets"], {"name": "near", "position_mm": [0, 0, 10]}]}
+
+
+def judged_nowhere() -> dict[str, Any]:
+    data = data_of("locators_321")
+    return {name: part for name, part in data.items() if name not in ("requirements", "optimise")}
+
+
+@pytest.mark.parametrize("data", [data_of("locators_321"), missed_at_two(), judged_nowhere()])
+@pytest.mark.parametrize("losses", [False, True])
+def test_of_some_targets_a_score_tells_what_it_tells_of_all(data: dict[str, Any], losses: bool) -> None:
+    """And of the one that decides and the one with the largest P95; all else is of every target, to the last digit."""
+    design = load_design(data)
+    whole = score(design, losses=losses, fifty_shots=True)
+    asked = whole.targets[1].name
+    told = score(design, losses=losses, fifty_shots=True, targets=[asked])
+    decides = decisive_check(whole.verdict.checks)
+    names = {asked, whole.worst_target.name, *([decides.target] if decides else [])}
+    assert {each.name for each in told.targets} == names
+    assert told == replace(whole, targets=tuple(each for each in whole.targets if each.name in names))
+
+
+def test_a_target_that_there_is_not_is_refused() -> None:
+    with pytest.raises(DesignError) as refused:
+        score(load_design(data_of("locators_321")), losses=False, targets=["center"])
+    assert refused.value.problems[0].code == "unknown-target"
+    assert refused.value.problems[0].hint == "did you mean centre?"

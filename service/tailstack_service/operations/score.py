@@ -11,7 +11,7 @@ from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
-from ..console.flags import Flag, add_flags
+from ..console.flags import NO_FLAG, Flag, add_flags
 from ..documents import to_json
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import Size, score_seconds
@@ -42,6 +42,9 @@ class ScoreOptions(Options):
 
     covariances: Annotated[bool, Flag("add what the errors at every two targets have in common")] = False
     """Add the covariance of the errors at every two targets, of 64 at most."""
+    targets: Annotated[list[str] | None, NO_FLAG] = None
+    """Names of targets that are told, beside the one at which the design is decided and the one with the largest P95;
+    absent: all. The verdict is of all targets either way."""
 
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
@@ -54,6 +57,7 @@ class ScoreOptions(Options):
             search=any(lever.how == "found" for lever in record.levers),
             fifty_shots=record.fifty_shots is not None,
             covariances=bool(record.covariances),
+            targets=[target.name for target in record.targets],
         )
 
     def seconds(self, sizes: Iterable[Size]) -> float:

@@ -1,6 +1,6 @@
 // The service behind the page: requests, refusals, and the scores and layouts that follow the design.
 
-import { computed, effect, signal, untracked } from "@preact/signals";
+import { batch, computed, effect, signal, untracked } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { notFinite } from "./document";
 import { design, errors, gesture, type Json, opened, type Path, valueAt, withEdits } from "./state";
@@ -126,6 +126,12 @@ export const drawn = signal<Json>(null); // the design of that layout
 export const answer = signal<Answer | null>(null); // the last good one
 export const refusal = signal<{ design: Json; problem: Refusal } | null>(null);
 export const busy = signal(false);
+/** Names of all targets, of the last score that told all. */
+export const targetNames = signal<readonly string[]>([]);
+/** Of which targets more is shown than of all: the one whose budget is there, and by their names tables of every target. */
+export const budgetOf = signal<string | null>(null);
+export const openTables = signal<ReadonlySet<string>>(new Set());
+export const turnTable = (name: string, open: boolean) => void (openTables.value = new Set(open ? [...openTables.value, name] : [...openTables.value].filter((each) => each !== name)));
 export const current = computed(() => answer.value !== null && answer.value.design === design.value);
 export const refused = computed(() => (errors.value.length ? unreadable(errors.value) : refusal.value?.design === design.value ? refusal.value!.problem : null));
 /** Whether the numbers on the page have been those of another design for longer than an eye follows. */
@@ -149,7 +155,9 @@ let tookBefore = 0; // ms that the answer before the last one took
 let slow = false; // hundreds of targets: a number for each move would come when it is let go, and delay the one that counts
 
 effect(() => {
-  if (opened.value) answer.value = layout.value = null;
+  if (!opened.value) return;
+  answer.value = layout.value = null;
+  targetNames.value = [];
 });
 effect(() => {
   wanted = gesture.value.length && slow ? null : design.value;
@@ -184,17 +192,21 @@ async function follow(): Promise<void> {
 }
 
 async function scoreOnce(sent: Json): Promise<void> {
-  const losses = !slow && !gesture.value.length; // they take half of a score's time again
+  const moving = gesture.value.length > 0, losses = !slow && !moving; // they take half of a score's time again
+  const told = moving && targetNames.value.length && !openTables.value.size ? { targets: targetNames.value.filter((name) => name === budgetOf.value) } : {};
   const begin = performance.now();
   try {
-    const response = await send("POST", "/v1/scores", { design: sent, losses, fifty_shots: true });
+    const response = await send("POST", "/v1/scores", { design: sent, losses, fifty_shots: true, ...told });
     if (response.ok) {
       const score = (await response.json()) as Score;
       if (!understood(score)) {
         refusal.value = { design: sent, problem: otherVersion() };
         return;
       }
-      answer.value = { design: sent, score };
+      batch(() => {
+        if (!("targets" in told)) targetNames.value = score.targets.map(({ name }) => name);
+        answer.value = { design: sent, score };
+      });
       refusal.value = null;
       const took = performance.now() - begin;
       slow = Math.min(took, tookBefore) > SLOW; // one slow answer says little

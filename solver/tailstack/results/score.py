@@ -377,7 +377,7 @@ class Score(Result):
 
     schema: Literal["tailstack/score/1"]
     targets: tuple[TargetScore, ...]
-    """One entry for each target and each sample of a region."""
+    """One entry for each target and each sample of a region; fewer where only some were asked for."""
     validity: Validity
     """How far the linearisation can be trusted."""
     views: tuple[ViewCheck, ...]

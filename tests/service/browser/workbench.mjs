@@ -550,6 +550,35 @@ scenarios.pace = async () => {
   return { moves, alone, black: black / all, current: exact / all };
 };
 
+// Of which targets the moves of a drag ask, and what is shown meanwhile: as the page is opened, with another target's
+// budget, with a table of all targets; each time also once the bead is let go.
+scenarios.told = async () => {
+  const context = await unhurried(), page = await begun(context), found = [];
+  let last;
+  page.on("request", (request) => {
+    const body = request.url().endsWith("/v1/scores") ? request.postDataJSON() : {};
+    if (body.fifty_shots === true) last = body.targets ?? "all";
+  });
+  const now = async () => ({ asked: last, p95: await page.locator("#p95").innerText(), told: (await state(page)).score.targets.map(({ name }) => name), offered: await page.locator(".budget select option").allInnerTexts(), budget: await page.locator(".budget select").inputValue() });
+  const drag = async () => {
+    const [x, y] = await centre(bead(page, asked.bead));
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + 9, y, { steps: 3 });
+    await current(page);
+    const moving = await now();
+    await page.mouse.up();
+    await current(page);
+    found.push([moving, await now()]);
+  };
+  await drag();
+  await page.locator(".budget select").selectOption(asked.other);
+  await drag();
+  await page.getByText("Shares at every target").click();
+  await drag();
+  return { found, columns: await page.getByRole("region", { name: "Contributors by target" }).locator("thead th").count() };
+};
+
 // Moves of the pointer, each to its own number on the page; then many at once.
 scenarios.drag = async () => {
   const context = await unhurried(), page = await begun(context);

@@ -5,7 +5,7 @@ import { effect, signal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { gradesOf, type Line, placeOf } from "../advice";
-import { answer, askWhenQuiet, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
+import { answer, askWhenQuiet, budgetOf, current, late, openTables, readRefusal, type Refusal, refused, type Score, send, type TargetScore, targetNames, turnTable, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, comments, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
 import type { HalfWidth as Slide } from "../sample";
@@ -21,10 +21,9 @@ import { Table, Term } from "./Words";
 
 type Allowance = components["schemas"]["Allowance"];
 
-const shown = signal<string | null>(null); // target of the list
 const unfolded = signal<ReadonlyMap<string, boolean>>(new Map()); // families whose components were asked for, or sent away
 const LARGE = 0.2; // share of a family whose components are shown before they are asked for, as those of the first are
-const SLACK = "Slack to the limit";
+const SLACK = "Slack to the limit", SHARES = "Shares at every target";
 
 // --- half-widths that can be slid ------------------------------------------------------------------------------------
 
@@ -144,7 +143,7 @@ function slackOf(allowance: Allowance | undefined): Slack | null {
 export function Contributors() {
   const score = answer.value?.score, data = design.value;
   const ranked = [...(score?.targets ?? [])].sort((a, b) => b.p95_mm - a.p95_mm), judged = score && decisive(score.verdict.checks)?.target;
-  const target = ranked.find((t) => t.name === shown.value) ?? ranked.find((t) => t.name === judged) ?? ranked[0];
+  const target = ranked.find((t) => t.name === budgetOf.value) ?? ranked.find((t) => t.name === judged) ?? ranked[0];
   const limited = (score?.measures ?? []).filter(({ shares }) => shares.length), allowances = score ? allowancesOf(score) : null, seeking = runs.value.find((run) => run.title === SLACK && unfinished(run));
   const rank = (row: Row): number => (row.line && order.value.get(JSON.stringify([target?.name, lineKey(row.line)]))) ?? -1;
   const rankOf = (family: Family) => (family.line ? rank(family) : family.parts.reduce((sum, part) => sum + Math.max(0, rank(part)), 0));
@@ -156,10 +155,10 @@ export function Contributors() {
     <div class={late.value || refused.value || !standing.value.holds ? "budget outdated" : "budget"} data-kind="estimate">
       {!standing.value.holds && standing.value.words && <p class="note">{standing.value.words}</p>}
       <p class="controls">
-        {ranked.length > 1 && (
+        {targetNames.value.length > 1 && (
           <label>Target{" "}
-            <select value={target.name} onChange={(event) => { shown.value = event.currentTarget.value; sort(); }}>
-              {score!.targets.map((t) => <option key={t.name}>{t.name}</option>)}
+            <select value={target.name} onChange={(event) => { budgetOf.value = event.currentTarget.value; sort(); }}>
+              {targetNames.value.map((name) => <option key={name}>{name}</option>)}
             </select>
           </label>
         )}
@@ -190,7 +189,7 @@ export function Contributors() {
           })}
         </table>
       </div>
-      {target && (ranked.length > 1 || limited.length > 0) && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} measures={limited} lines={target.contributors} />}
+      {target && (targetNames.value.length > 1 || limited.length > 0) && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} measures={limited} lines={target.contributors} />}
       {target && <Figures />}
     </div>
   );
@@ -279,9 +278,9 @@ function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
 /** Every target at once, and every measure that is limited. */
 function Matrix({ targets, of, measures, lines }: { targets: TargetScore[]; of: number; measures: readonly Joined[]; lines: readonly Line[] }) {
   return (
-    <details>
+    <details open={openTables.value.has(SHARES)} onToggle={(event) => turnTable(SHARES, event.currentTarget.open)}>
       <summary>{`Shares at every target${measures.length ? " and of every measure" : ""}`}</summary>
-      <Table name="Contributors by target" caption={<><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</>} head={<><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}{measures.map(({ words, site }) => <th class="number" key={words + site}>{`${words}, ${site}`}</th>)}</>}>
+      {openTables.value.has(SHARES) && <Table name="Contributors by target" caption={<><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</>} head={<><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}{measures.map(({ words, site }) => <th class="number" key={words + site}>{`${words}, ${site}`}</th>)}</>}>
         {lines.map((c, k) => (
           <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
             <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
@@ -289,7 +288,7 @@ function Matrix({ targets, of, measures, lines }: { targets: TargetScore[]; of: 
             {measures.map(({ words, site, shares }) => <td class="number" key={words + site}>{c.component === "all" && c.law !== "known" ? percent(shares.find(({ name }) => name === c.name)?.variance_share ?? 0) : ""}</td>)}
           </tr>
         ))}
-      </Table>
+      </Table>}
     </details>
   );
 }

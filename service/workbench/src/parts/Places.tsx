@@ -4,7 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
 import { mayBound, worthy } from "../best";
-import { answer, askWhenQuiet, current, layout, refused, type Score, send } from "../api";
+import { answer, askWhenQuiet, current, layout, refused, type Score, send, targetNames } from "../api";
 import { add, contour, length, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
 import { estimated } from "../readings";
 import { design, gesture, type Json, recall, remember, withEdits } from "../state";
@@ -21,7 +21,7 @@ export const PlaceSwitches = () => (Object.keys(SWITCHES) as (keyof typeof SWITC
 ));
 
 const MOST_TARGETS = 40, MOST_BEADS = 40; // beyond, what is asked for here takes the service long
-const light = computed(() => (answer.value?.score.targets.length ?? 0) <= MOST_TARGETS && beads.value.length <= MOST_BEADS);
+const light = computed(() => targetNames.value.length <= MOST_TARGETS && beads.value.length <= MOST_BEADS);
 
 // --- what each bead is worth -----------------------------------------------------------------------------------------
 

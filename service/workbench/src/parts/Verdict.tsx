@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { onSurface, optimise, takeAdvice, takeOptimum, verify } from "../acts";
 import { advised, START } from "../advice";
 import { best, mayBound } from "../best";
-import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
+import { answer, busy, current, late, refused, type Score, send, trouble, turnTable } from "../api";
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
 import { type AnyReading, BY, change, type Check, decimals, decisive, estimated, seen, shown, standing, verified } from "../readings";
 import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
@@ -232,6 +232,7 @@ function Losses({ score }: { score: Score }) {
   );
 }
 
+const PER_UNIT = "Per unit, and if fiducials are not found";
 /** Every requirement at every target, both readings of the risk, and what lost fiducials do. */
 export function Requirements() {
   const score = answer.value?.score, reading = shown.value;
@@ -242,7 +243,7 @@ export function Requirements() {
       <Checks of={reading} label="Table of requirements" />
       <div class={standing.value.holds ? "" : "outdated"}>
       {estimated.value && <Measures of={estimated.value} />}
-      <Fold words="Per unit, and if fiducials are not found">
+      <Fold words={PER_UNIT} turned={(open) => turnTable(PER_UNIT, open)}>
       <Table name="Pooled and per unit" kind="estimate" caption="Two readings of the risk at the tool, by estimate" head={<><th>Target</th><th class="number"><Term word="pooled">Pooled</Term>: 95 % of all <Term word="shot">shots</Term> within, mm</th><th class="number"><Term word="per-unit">Per unit</Term>: P95 that 95 % of <Term word="unit">units</Term> keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></>}>
         {score.targets.slice(0, 50).map((target) => (
           <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm, decimals.value)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm, decimals.value)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>

@@ -30,9 +30,13 @@ export function Table({ name, head, caption, kind, of = "", look, children }: { 
 }
 
 /** What is folded until it is asked for; on paper it is there. */
-export function Fold({ words, children }: { words: string; children: ComponentChildren }) {
+export function Fold({ words, turned, children }: { words: string; turned?(open: boolean): void; children: ComponentChildren }) {
   const [open, setOpen] = useState(false);
-  return <><button type="button" class="fold" aria-expanded={open} onClick={() => setOpen(!open)}>{words}</button><div class={open ? "" : "folded"}>{children}</div></>;
+  const turn = () => {
+    setOpen(!open);
+    turned?.(!open);
+  };
+  return <><button type="button" class="fold" aria-expanded={open} onClick={turn}>{words}</button><div class={open ? "" : "folded"}>{children}</div></>;
 }
 
 /** The explanation of one word, near it: a page that scrolls, as to a word that gets the focus, takes it along. */
