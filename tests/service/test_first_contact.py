@@ -19,7 +19,7 @@ from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import verbs
 from tailstack_service.console.progress import Progress
-from tailstack_service.rendering.tables import wrap
+from tailstack_service.rendering.text import wrap
 from tailstack_service.schemas import json_schema
 from turned_clock import TurnedClock
 

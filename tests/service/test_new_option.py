@@ -123,7 +123,7 @@ import openpyxl
 from tailstack import load_design, score
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render_all
-from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.rendering.text import Page, write_on
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.schemas import json_schema
 

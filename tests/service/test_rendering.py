@@ -25,8 +25,17 @@ from tailstack.scoring import score
 from tailstack_service.cli.demo import summary_text
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.rendering.document import findings_text
-from tailstack_service.rendering.page import WIDTH, Page, write_on
-from tailstack_service.rendering.tables import columns, draw_table, fold, visible, wrap, write_table
+from tailstack_service.rendering.text import (
+    WIDTH,
+    Page,
+    columns,
+    draw_table,
+    fold,
+    visible,
+    wrap,
+    write_on,
+    write_table,
+)
 
 
 @pytest.mark.parametrize(

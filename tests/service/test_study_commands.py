@@ -31,7 +31,7 @@ from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.request import Request
 from tailstack_service.operations.study_views import ViewOptions
 from tailstack_service.rendering.document import document_text
-from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.rendering.text import Page, write_on
 from tailstack_service.report.studies.bench import comparison_document, draw_comparison
 from tailstack_service.report.studies.coupling import COMPARISONS, coupling_document, draw_coupling
 from tailstack_service.report.studies.linearity import draw_linearity, linearity_csv, linearity_document

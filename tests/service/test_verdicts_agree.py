@@ -27,7 +27,7 @@ from tailstack_service.gate.judge import judge
 from tailstack_service.gate.request import admit_gate
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
-from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.rendering.text import Page, write_on
 from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.comparing import compute_comparison
 

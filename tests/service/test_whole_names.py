@@ -31,7 +31,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.validation import validate, validation_text
-from tailstack_service.rendering.page import WIDTH
+from tailstack_service.rendering.text import WIDTH
 from tailstack_service.report.assembling import compute_report, options_of
 
 ROOT = Path(__file__).resolve().parents[2]

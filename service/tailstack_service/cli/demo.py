@@ -23,7 +23,7 @@ from ..console.parser import program
 from ..console.progress import Progress
 from ..logs import log_to_stderr
 from ..operations.editors import write_document
-from ..rendering.tables import visible, wrap
+from ..rendering.text import visible, wrap
 from ..shipped import example_folder
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from tailstack.extras import install_command, missing_extras, name_missing_extra
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..operations.example import EXAMPLE_DESIGN
-from ..rendering.tables import wrap
+from ..rendering.text import wrap
 
 HELP = "check this installation"
 

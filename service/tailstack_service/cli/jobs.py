@@ -17,7 +17,7 @@ from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
 from ..console.progress import Progress, say
 from ..jobs.document import KINDS, State
-from ..rendering.tables import draw_table
+from ..rendering.text import draw_table
 
 if TYPE_CHECKING:
     from ..console.remote import RemoteService

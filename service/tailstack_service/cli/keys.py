@@ -14,7 +14,7 @@ from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole
 from ..console.parser import program
 from ..problems import RequestError, StoreError
-from ..rendering.tables import draw_table
+from ..rendering.text import draw_table
 
 if TYPE_CHECKING:
     from ..jobs.store.database import Database

@@ -135,7 +135,7 @@ def _leave_quickly() -> None:
 def _run_verb(arguments: argparse.Namespace) -> int:
     from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure
-    from ..rendering.page import write_on
+    from ..rendering.text import write_on
 
     def compile_ahead() -> None:
         from ..console.compilation import compile_for

@@ -13,7 +13,7 @@ from tailstack.errors import Problem
 
 from ..console.answer import Answer
 from ..problems import RequestError
-from ..rendering.tables import wrap
+from ..rendering.text import wrap
 from ..shipped import find_manual
 
 HELP = "what the words of results mean: P95, TCP, connector, unit, shot, ..."

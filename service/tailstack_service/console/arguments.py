@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..rendering.page import WIDTH, Page
+from ..rendering.text import WIDTH, Page
 
 if TYPE_CHECKING:
     from tailstack.design import Design

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from tailstack.kernels.process import usable_cores
 
 from ..processes.birth import make_command, make_environment
-from ..rendering.tables import wrap
+from ..rendering.text import wrap
 from .progress import Progress
 
 if TYPE_CHECKING:

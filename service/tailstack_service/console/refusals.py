@@ -13,7 +13,7 @@ from shlex import quote
 from tailstack.errors import Problem, TailstackError
 
 from ..environment import TRACEBACK, FolderError, misses_temporary_folder, no_temporary_folder
-from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
+from ..rendering.text import group_alike, list_others, name_field, name_rule
 from .answer import BAD_INPUT, NOT_EVALUATED
 from .parser import program, spell_commands
 

@@ -32,7 +32,7 @@ from tailstack.results.json_text import write_json
 from tailstack.results.verdicts import check_sentence, decided_by
 
 from ..documents import plain, to_json
-from ..rendering.page import Page, current, write_on
+from ..rendering.text import Page, current, write_on
 from .case import describe_requirement
 from .records import (
     GatedDesign,

@@ -12,9 +12,18 @@ from dataclasses import replace
 from tailstack.results.tables import Cell, Column, On, Table, write_cell
 from tailstack.results.verdicts import MISSED, name_basis, rest_of
 
-from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
-from ..rendering.page import current, write_on
-from ..rendering.tables import paint, visible, wrap, write_table
+from ..rendering.text import (
+    current,
+    group_alike,
+    list_others,
+    name_field,
+    name_rule,
+    paint,
+    visible,
+    wrap,
+    write_on,
+    write_table,
+)
 from .records import (
     WORST_FIRST,
     GateFinding,

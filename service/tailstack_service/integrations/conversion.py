@@ -31,7 +31,7 @@ from ..operations.operation import Body, Command, ExampleBody, Operation, Recept
 from ..operations.options import Options
 from ..problems import RefusedAt, RequestError
 from ..processes.task import RawRequest
-from ..rendering.tables import draw_table
+from ..rendering.text import draw_table
 
 if TYPE_CHECKING:
     from tailstack.design import Design, Limits

@@ -284,7 +284,7 @@ class Operation:
         return read_request(sent, self.options, tuple(self.designs), settings, yaml=self.yaml)
 
     def write(self, record: Any, *choice: Any) -> str:
-        """The record as text for people, on the page that ``rendering.page.current()`` gives.
+        """The record as text for people, on the page that ``rendering.text.current()`` gives.
 
         choice: what of it, where its document can be of a part.
         """

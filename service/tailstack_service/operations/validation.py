@@ -17,8 +17,7 @@ from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
 from ..console.flags import add_flags
 from ..documents import to_json
-from ..rendering.finding_groups import group_findings
-from ..rendering.tables import visible, wrap
+from ..rendering.text import group_findings, visible, wrap
 from .effort import Size
 from .operation import Command, Operation
 from .options import Options

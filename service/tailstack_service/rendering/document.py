@@ -9,9 +9,7 @@ from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED, assumed_sentence
 
 from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph, list_shown
-from .finding_groups import group_findings
-from .page import current
-from .tables import columns, fold, paint, prose_width, wrap, write_table
+from .text import columns, current, fold, group_findings, paint, prose_width, wrap, write_table
 
 TONE = {"neutral": "no requirement"}  # the role of its colour, where it is called otherwise
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."

@@ -16,7 +16,7 @@ from tailstack.results.score import single_lines, source_name
 
 from ..problems import RequestError
 from ..rendering.sentences import budget_line
-from ..rendering.tables import columns
+from ..rendering.text import columns
 from .page import (
     DASHED,
     DOTTED,

@@ -33,7 +33,7 @@ from matplotlib.transforms import Transform
 from tailstack.geometry.arrays import Array
 from tailstack.results.look import FONT, INK, MUTED, STYLE
 
-from ..rendering.tables import columns
+from ..rendering.text import columns
 from .svg import CHARACTER, picture, trim
 
 _drawing = Lock()  # matplotlib's settings are one for the whole process

@@ -17,7 +17,7 @@ import numpy as np
 from tailstack.geometry.arrays import Array
 from tailstack.results.look import BLUE, FONT, GREEN, INK, PURPLE, VERMILION
 
-from ..rendering.tables import columns, shorten
+from ..rendering.text import columns, shorten
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 

@@ -16,7 +16,7 @@ from ...gate.records import (
     unjudged_table,
 )
 from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
-from ...rendering.tables import spell_count
+from ...rendering.text import spell_count
 from .tables import closing_sections
 
 MOST_FILES = 20  # in a command

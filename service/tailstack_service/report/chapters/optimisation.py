@@ -42,7 +42,7 @@ from ...rendering.blocks import (
     tone_of,
 )
 from ...rendering.sentences import decision_sentence, ending_of
-from ...rendering.tables import csv_text, plain_text, spell_count
+from ...rendering.text import csv_text, plain_text, spell_count
 from .layout import Known, layout_blocks, score_if_determined
 from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks

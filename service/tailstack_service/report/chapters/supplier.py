@@ -16,7 +16,7 @@ from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.tolerances import say_law
 
 from ...rendering.blocks import Document, Facts, Figure, KeyNumber, Paragraph, Section
-from ...rendering.tables import csv_text, plain_text
+from ...rendering.text import csv_text, plain_text
 from ..dimensions import draw_dimensions
 
 if TYPE_CHECKING:

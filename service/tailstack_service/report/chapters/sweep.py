@@ -11,7 +11,7 @@ from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
 from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
-from ...rendering.tables import csv_text, list_reasons, plain_text, spell_count
+from ...rendering.text import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
 from .tables import compose_document
 

@@ -18,7 +18,7 @@ from tailstack.studies.bench.levels import LevelCompared
 
 from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
-from ...rendering.tables import visible
+from ...rendering.text import visible
 from ..charts import RING
 from ..page import beside, titled_page
 from ..svg import broken

@@ -14,7 +14,7 @@ from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cel
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within, is_beyond
 
 from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
-from ...rendering.tables import csv_text, list_reasons, visible
+from ...rendering.text import csv_text, list_reasons, visible
 from ..page import draw_cells, titled_page
 from .study import compose_study
 

@@ -12,7 +12,7 @@ from tailstack.results.tables import PAPER, Column, On, Table, tabulate
 from tailstack.studies.placement import PlacementCase, StudyPlacement, cases_of
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
-from ...rendering.tables import csv_text, plain_text
+from ...rendering.text import csv_text, plain_text
 from ..page import DOTTED, titled_page
 from .study import compose_study
 

@@ -13,7 +13,7 @@ from tailstack.results.tables import LONG_TABLE, PAPER, TERMINAL, Column, On, Ta
 from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
-from ...rendering.tables import shorten
+from ...rendering.text import shorten
 from ..charts import shade
 from ..page import titled_page
 from .study import compose_study

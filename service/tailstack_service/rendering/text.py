@@ -1,15 +1,61 @@
-"""Aligned tables and numbers for people."""
+"""Text for people: the page it is laid out on, wrapped words, aligned tables, colour, alike things as one, CSV.
+
+A command chooses its page once, before its verb runs; whatever writes for people asks ``current()``.  Without a choice
+the page is ``Page()``, so that a text is the same bytes in a pipe, a file, a test and an answer over HTTP.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
 from tailstack.results.tables import Column, On, Table, write_cell
 
-from .page import NARROWEST, WIDEST_PROSE, current
+if TYPE_CHECKING:
+    from tailstack.results import Finding
+
+T = TypeVar("T")
+WIDTH = 80  # columns, where nobody says another number
+NARROWEST = 40  # a page of fewer columns is written as one of so many
+WIDEST_PROSE = 100  # columns of a paragraph: longer lines are hard to read
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What a text is written for."""
+
+    width: int = WIDTH  # columns
+    colour: bool = False
+    details: bool = False  # with the method's own words and figures
+
+
+_page: ContextVar[Page] = ContextVar("page", default=Page())  # noqa: B039 (a frozen record)
+
+
+def current() -> Page:
+    """The page that is being written on."""
+    return _page.get()
+
+
+@contextmanager
+def write_on(page: Page) -> Iterator[None]:
+    """Lay out every text of the block on a page."""
+    token = _page.set(page)
+    try:
+        yield
+    finally:
+        _page.reset(token)
+
+
+# --- words -----------------------------------------------------------------------------------------
 
 
 def spell_count(count: int, what: str) -> str:
@@ -227,6 +273,63 @@ _COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "no requirement": 
 def paint(text: str, role: str) -> str:
     """Text in the colour of its role on a page that has colours, otherwise as it stands."""
     return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if current().colour and role in _COLOURS else text
+
+
+# --- alike things as one ------------------------------------------------------------------------------------
+
+FEWEST = 3  # two are still read one by one
+MOST_PLACES = 8
+
+
+def group_alike(items: Sequence[T], key: Callable[[T], Hashable | None]) -> list[list[T]]:
+    """Items of one key together, where the first of them stands; those with the key None, and pairs, by themselves."""
+    keys = [key(item) for item in items]
+    count = Counter(keys)
+    groups: dict[Hashable, list[T]] = {}
+    for number, (item, own) in enumerate(zip(items, keys, strict=True)):
+        alone = own is None or count[own] < FEWEST
+        groups.setdefault(("alone", number) if alone else ("alike", own), []).append(item)
+    return list(groups.values())
+
+
+def name_field(pointer: str) -> str:
+    """The last field of a pointer, whatever entry of a list it leads to: what alike findings share."""
+    return next((step for step in reversed(pointer.split("/")) if step and not step.isdecimal()), "")
+
+
+def name_rule(sentence: str) -> str:
+    """What a sentence says before what arrived, whatever its numbers are."""
+    return re.sub(r"-?\d+(\.\d+)?", "#", sentence.partition("; got ")[0])
+
+
+def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
+    """``and 9 more like it: lines 12, 13, ...``, by pointers where there are no lines."""
+    known = [line for line in lines if line is not None]
+    if len(known) == len(lines):
+        places = [str(line) for line in dict.fromkeys(known)]
+        word = "lines" if len(places) > 1 else "line"
+    else:
+        places, word = list(dict.fromkeys(pointers)), "at"
+    more = ", ..." if len(places) > MOST_PLACES else ""
+    return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
+
+
+def group_findings(findings: Sequence[Finding]) -> Iterator[tuple[Finding, str]]:
+    """Findings with their sentences; three and more of the same words, each about another thing, are one."""
+    for first, *others in group_alike(findings, _name_remark):
+        fields = [name_field(item.pointer) for item in (first, *others)]
+        # what a remark is about stands before its colon; its value does not count
+        names = ", ".join(
+            other.message.partition(": ")[0].partition(" is ")[0] + (f" ({field})" if len(set(fields)) > 1 else "")
+            for other, field in zip(others, fields[1:], strict=True)
+        )
+        yield (first, first.message + (f" The same holds for {names}." if names else ""))
+
+
+def _name_remark(finding: Finding) -> Hashable | None:
+    """What it says, whatever it says it of: two fields of one view are alike."""
+    remark = finding.message.partition(": ")[2].replace(name_field(finding.pointer) or ":", "#")
+    return (finding.rule, finding.severity, remark) if remark else None
 
 
 # --- rows of a grid: as CSV for spreadsheets, and why some of them have no numbers --------------------------
