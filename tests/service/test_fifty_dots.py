@@ -16,8 +16,8 @@ from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents
+from tailstack_service.report.charts import draw_dots
 from tailstack_service.report.comparing import compute_comparison
-from tailstack_service.report.dots import draw_dots
 
 LINE = re.compile(rf'<path d="M([\d.]+) [\d.]+L\1 [\d.]+" [^>]*stroke="{LIMIT_COLOUR}"')
 SCRIPT = """const { heap, missWords, scaleOf } = require("./dots.js");

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
-from math import isclose, sqrt
+from math import ceil, floor, isclose, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
@@ -12,7 +13,7 @@ from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Check, Contributor, Interval, Lever, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
-from tailstack.results.score import single_lines, source_name
+from tailstack.results.score import FiftyShots, single_lines, source_name
 
 from ..problems import RequestError
 from ..rendering.sentences import budget_line
@@ -210,6 +211,55 @@ def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[f
     """Lengths below and above values; none to an end on the wrong side, as a record that somebody changed may have."""
     pairs = list(zip(values, intervals, strict=True))
     return [[max(0.0, at - low) for at, (low, _) in pairs], [max(0.0, high - at) for at, (_, high) in pairs]]
+
+
+DOTS_LEFT, TALLEST, LETTER = 22, 96, 6.6  # margin, height of the highest heap, width of a letter
+FEWEST_COLUMNS, MOST_COLUMNS = 16, 400  # of dots
+
+
+def draw_dots(rows: Sequence[tuple[str, FiftyShots]], name: str = "fifty-shots", width: float = WIDTH) -> str:
+    """Fifty shots that stand for all, as dots in heaps: what a clinician reads a probability from most accurately.
+
+    Rows of words and dots stand below one another, all of one unit, on one scale; dots that miss the limit differ in
+    colour and in shape.  Fernandes et al., Uncertainty displays using quantile dotplots, CHI 2018.
+    """
+    wide = width - 2 * DOTS_LEFT
+    known = [value for _, shots in rows for value in shots.values if value is not None]
+    end = 1.02 * max([1e-9, *known, *(1.25 * shots.limit for _, shots in rows)])
+    for across in range(FEWEST_COLUMNS, MOST_COLUMNS):
+        heaps = [_heap(shots, end, end / across) for _, shots in rows]
+        tall = max(count for heap in heaps for count in heap.values())
+        if tall * wide / across <= TALLEST:
+            break
+    step, size = end / across, wide / across
+    height = tall * size + 66
+    with open_page(name, height * len(rows) + 20, width) as page:
+        for k, ((words, shots), heap) in enumerate(zip(rows, heaps, strict=True)):
+            top = k * height
+            title = f"{shots.of.removeprefix('the ')}, {shots.unit}" if k == len(rows) - 1 else ""
+            page.say(DOTS_LEFT, top + 12, printable(words, int(wide / LETTER)), weight="bold")
+            axes = page.axes(
+                DOTS_LEFT, top + 34, width - DOTS_LEFT, top + height - 32, title if k == len(rows) - 1 else ""
+            )
+            axes.grid(False)
+            axes.yaxis.set_visible(False)
+            axes.set(xlim=(0, end), ylim=(0, tall))
+            for column, count in heap.items():
+                mark, colour = ("X", LIMIT_COLOUR) if column >= 0 else ("o", VALUE_COLOUR)
+                axes.plot(
+                    [shots.limit + (column + 0.5) * step] * count, [level + 0.5 for level in range(count)], mark,
+                    color=colour, clip_on=False, markersize=0.9 * size, markeredgewidth=0,
+                )  # fmt: skip
+            upright(axes, shots.limit, f"limit {shots.limit:g} {shots.unit}", LIMIT_COLOUR, "right", DASHED)
+        told = "; ".join(f"{words}, from {shots.values[0]:.4g} {shots.unit} on" for words, shots in rows)
+        return page.svg("Fifty shots that stand for all, by estimate", f"{told}.")
+
+
+def _heap(shots: FiftyShots, end: float, step: float) -> dict[int, int]:
+    """How many dots stand in each column, counted from the limit, so that none stands on both sides of it; what has no
+    answer is in the last."""
+    last = floor((end - shots.limit) / step) - 1
+    return Counter(last if value is None else ceil((value - shots.limit) / step) - 1 for value in shots.values)
 
 
 # --- two designs ----------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from tailstack.results.verification import estimates_table
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ...rendering.sentences import units_sentence
 from ..charts import draw_distribution
-from ..dots import dots_blocks
 from ..records import Report
 from .layout import beads_table, layout_blocks, score_if_determined
 from .optimisation import (
@@ -25,6 +24,7 @@ from .radiostereometry import radiostereometry_blocks
 from .review import review_sections
 from .score import (
     budget_blocks,
+    dots_blocks,
     headline_figure,
     key_numbers,
     levers_blocks,

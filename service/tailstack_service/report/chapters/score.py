@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from operator import attrgetter
+from typing import NamedTuple
 
 from tailstack.measures import MEASURE
 from tailstack.results import (
@@ -22,8 +23,21 @@ from tailstack.results import (
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.quality import quality_table
-from tailstack.results.score import budget_table, targets_table, views_table
-from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill, tabulate
+from tailstack.results.score import SHOTS, BudgetLine, FiftyShots, budget_table, heading_of, targets_table, views_table
+from tailstack.results.score import group as group_lines
+from tailstack.results.tables import (
+    EVERYWHERE,
+    IN_DETAIL,
+    PAPER,
+    TERMINAL,
+    Cell,
+    Column,
+    On,
+    Row,
+    Table,
+    fill,
+    tabulate,
+)
 from tailstack.results.verdicts import (
     P95,
     breaches_table,
@@ -33,15 +47,18 @@ from tailstack.results.verdicts import (
     name_basis,
     requirements_table,
     shares_table,
+    what_is_limited,
 )
 
 from ...rendering.blocks import (
     Block,
     BlockGroup,
     Bullets,
+    ChangeableNumber,
     Document,
     Facts,
     Figure,
+    Formula,
     KeyNumber,
     Listing,
     Paragraph,
@@ -63,12 +80,10 @@ from ...rendering.sentences import (
     units_sentence,
     views_sentence,
 )
-from ..charts import PHONE, draw_levers, draw_scale, draw_shares
-from ..dots import dots_blocks
-from ..headline import headline_of
-from ..live_budget import live_budget
+from ..charts import PHONE, draw_dots, draw_levers, draw_scale, draw_shares
+from ..headline import headline_of, tightest_check
 from ..records import Allowance, Headline
-from .tables import budget_with_slack, compose_document, verdict_blocks
+from .tables import compose_document, verdict_blocks
 
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
@@ -360,6 +375,76 @@ def losses_listed(score: Score) -> Bullets:
     return Bullets(tuple(f"If fiducials are lost: {losses_sentence(line, checks)}" for line in score.losses))
 
 
+def count_misses(shots: FiftyShots) -> int:
+    """How many of the fifty are beyond the limit: fifty times the probability of that, rounded."""
+    return sum(value is None or value > shots.limit for value in shots.values)
+
+
+def say_misses(shots: FiftyShots) -> str:
+    """How many of the fifty miss the limit."""
+    misses = count_misses(shots)
+    verb = "misses" if misses == 1 else "miss"
+    share = in_percent(shots.exceedance_probability, 1)
+    return f"{misses} of {SHOTS} shots {verb} the limit of {shots.limit:g} {shots.unit} ({share} of all)"
+
+
+def dots_blocks(score: Score) -> tuple[Block, ...]:
+    """Picture and sheet, in a terminal a line; nothing where they were not asked for."""
+    shots = score.fifty_shots
+    if shots is None:
+        return ()
+    told, kept = say_misses(shots), SHOTS - count_misses(shots)
+    columns = (
+        Column("Shot", kind="whole", of=lambda row: row[0]),
+        Column("Order", "%", "percent", 0, of=lambda row: (row[0] - 0.5) / SHOTS),
+        Column("Value", shots.unit, "significant", 6, of=lambda row: row[1]),
+        Column("Limit", of=lambda row: "misses" if row[0] > kept else "keeps"),
+    )
+    drawn = ((told, shots),)
+    table = tabulate("Fifty shots", f"{shots.of}, by estimate: {told}", columns, list(enumerate(shots.values, 1)))
+    picture = Figure(
+        "fifty-shots", partial(draw_dots, drawn), f"Fifty shots that stand for all, by estimate: {shots.of}.",
+        partial(draw_dots, drawn, "fifty-shots-narrow", PHONE),
+    )  # fmt: skip
+    line = f"{'o' * kept}{'X' * (SHOTS - kept)}: {told}"
+    return (group(picture, on=PAPER), group(table, on=On.SHEET), say("fifty shots", line, on=TERMINAL))
+
+
+# --- the budget ---------------------------------------------------------------------------------------
+
+SLACK_NOTE = (
+    " Half-width at limit: the one at which the requirement on a quantile that decides at the target, of all units "
+    "together or of each unit, is just met, by estimate, if nothing else changes; slack is what is left to it, "
+    "negative where it has to shrink, empty where not even zero is enough. Slack can be spent once: two tolerances "
+    "cannot both use it up."
+)
+COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
+
+
+def budget_with_slack(target: TargetScore, name: str, allowances: Sequence[Allowance] = (), decimals: int = 3) -> Table:
+    """The budget of a target, and beside it how far each half-width is from the one at its limit, and what it costs."""
+    known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == target.name}
+    if not known:
+        return budget_table(target, decimals, name)
+
+    def of_own(field: str) -> Callable[[BudgetLine], Cell]:
+        return lambda row: getattr(known.get((row.line.name, row.line.component)), field, None)
+
+    def in_words(row: BudgetLine) -> str:
+        own = known.get((row.line.name, row.line.component))
+        below = any((part.name, part.component) in known for part in row.parts)
+        return own.status if own is not None else "see its components" if below else ""
+
+    columns = (
+        Column("Half-width at limit", "unit", "significant", of=of_own("at_limit")),
+        Column("Slack", "unit", "significant", of=of_own("slack")),
+        Column("Slack in words", on=On.SHEET, of=in_words),
+    )
+    with_cost = any(entry.cost is not None for entry in known.values())
+    cost = (Column("Cost", "", "significant", 4, of=of_own("cost")),) if with_cost else ()
+    return budget_table(target, decimals, name, (*columns, *cost), SLACK_NOTE + (COST_NOTE if with_cost else ""))
+
+
 def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
     """Pictures and table of the budget of the targets with the largest P95."""
     blocks: list[Block] = []
@@ -384,6 +469,121 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
         if target.worst_vertex:
             blocks.append(Paragraph(f"Bounded components stand at their worst ends: {', '.join(target.worst_vertex)}."))
     return tuple(blocks)
+
+
+FIRST_ROW = 3  # row of a sheet in which the rows of its table begin
+LIVE_COLUMNS = (
+    Column("Contributor"), Column("Component"), Column("Unit", kind="unit"),
+    Column("Half-width as it is", "unit", "given"), Column("Half-width", "unit", "given"),
+    Column("Std of the error", "mm/unit", "significant"), Column("Slope t", "mm²/unit²", "significant"),
+    Column("Curvature e", "mm²/unit⁴", "significant"), Column("Contribution", "mm", "significant"),
+    Column("Share of variance", "%", "percent", 1), Column("Square of the value grown", "mm²", "significant"),
+    Column("At limit as it is", "unit", "significant"), Column("At limit", "unit", "significant"),
+    Column("Slack", "unit", "significant"), Column("Value", "mm", "fixed"), Column("Limit", "mm", "stated"),
+    Column("Limit less value", "mm", "signed"),
+)  # fmt: skip
+LIVE_NOTE = (
+    "The yellow numbers may be changed: contributions, shares, their root sum of squares (in the last row), value and "
+    "slack follow. Contributions and shares are exact. The value is so as it is, and where one half-width by itself "
+    "stands at its limit; elsewhere it is an estimate: score the design anew before it is drawn. Sources without a "
+    "half-width of their own stay as they are, and those of 0 are left out."
+)
+
+
+class _LiveLine(NamedTuple):
+    """A source or component that no other line holds too."""
+
+    contributor: str
+    component: str
+    unit: str
+    half_width: float | None  # None: none of its own
+    contribution: float  # standard deviation of the error, mm
+    slope: float = 0.0
+    curvature: float = 0.0
+    at_limit: float | None = None
+
+
+def live_budget(target: TargetScore, name: str, allowances: Sequence[Allowance], checks: Sequence[Check]) -> Table:
+    """The budget of a target as a sheet that moves: half-widths may be changed there, and what hangs on them follows.
+
+    Shares and the root sum of squares are those of the covariance, exact for any half-widths.  The square of the value
+    that is limited grows by a sum over the half-widths h, which the design has as h0: by t x, where x = h^2 - h0^2, and
+    towards the limit by e x^2 more.  The slope t is that of the budget, and e is such that each half-width by itself
+    meets the limit where it was computed to.  So at h0 all numbers are what is printed; elsewhere the value is an
+    estimate.  checks: those to first order.
+    """
+    check = tightest_check(checks, target.name)
+    if check is not None and check.beyond is not None:
+        check = None  # its value is no quantile, as the half-widths at its limit are
+    value, limit = (target.budget_p95_mm, None) if check is None else (check.value, check.limit)
+    known = {(a.contributor, a.component): a for a in allowances if check and a.target == target.name}
+    lines = list(_live_lines(target, value, limit, known))
+    last, end = FIRST_ROW + len(lines) - 1, FIRST_ROW + len(lines)
+    rss = sqrt(sum(line.contribution**2 for line in lines))
+    as_it_is = f"{value!r}^2".upper()
+    rows = [_live_row(line, rss, end, f"($P${end}^2-{as_it_is}-$K${end}+K{{row}})") for line in lines]
+    together: tuple[Cell, ...] = (
+        Formula(rss, f"SQRT(SUMSQ(I{FIRST_ROW}:I{last}))"),
+        Formula(1.0 if rss else 0.0, f"SUM(J{FIRST_ROW}:J{last})"),
+        Formula(0.0, f"SUM(K{FIRST_ROW}:K{last})"),
+        None, None, None,
+        Formula(value, f"SQRT(MAX(0,{as_it_is}+K{end}))"),
+        None if limit is None else ChangeableNumber(limit),
+        None if limit is None else Formula(limit - value, f"P{end}-O{end}"),
+    )  # fmt: skip
+    rows.append(Row(("Together", "", "", None, None, None, None, None, *together)))
+    said = "P95 of the error at the tool" if check is None else f"{what_is_limited(check)} ({check.requirement})"
+    return Table(name, f"What if, target {target.name}; value: {said}", LIVE_COLUMNS, tuple(rows), LIVE_NOTE)
+
+
+def _live_lines(
+    target: TargetScore, value: float, limit: float | None, known: Mapping[tuple[str, str], Allowance]
+) -> Iterator[_LiveLine]:
+    budget = [(total, part) for total, parts in group_lines(target.contributors) for part in parts or [total]]
+    of_all = sum(std**2 for std in target.std_mm)
+    for _, line in budget:
+        if line.std and line.sensitivity_mm_per_unit and line.variance_share:  # of shots that miss no fiducial
+            of_all = (line.std * line.sensitivity_mm_per_unit) ** 2 / line.variance_share
+            break
+    for total, line in budget:
+        named = (heading_of(total), "" if line.component in ("all", "known") else line.component)
+        contribution, width = sqrt(max(line.variance_share, 0.0) * of_all), line.half_width
+        if not width:
+            if contribution:
+                yield _LiveLine(*named, "", None, contribution)
+            continue
+        slope, curvature = value**2 / target.budget_p95_mm * line.slope / width, 0.0
+        own = known.get((line.name, line.component))
+        at_limit = None if own is None else own.at_limit
+        if limit is not None and at_limit is not None and at_limit != width:
+            further = at_limit**2 - width**2
+            straight = (limit**2 - value**2) / further
+            if straight <= slope / 2:  # a parabola would come to the limit on its other side
+                slope = straight
+            curvature = (straight - slope) / further
+        yield _LiveLine(*named, line.unit, width, contribution, slope, curvature, at_limit)
+
+
+def _live_row(line: _LiveLine, rss: float, end: int, room: str) -> Row:
+    """Cells of a line; end: row of what all come to together, room: how much of its own the square may grow by."""
+    width, empty = line.half_width, (None, None, None)
+    share = Formula((line.contribution / rss) ** 2 if rss else 0.0, f"IF($I${end}=0,0,(I{{row}}/$I${end})^2)")
+    if width is None:
+        return Row((*line[:3], *empty, None, None, line.contribution, share, None, *empty, *empty))
+    stated = (width, ChangeableNumber(width), line.contribution / width, line.slope, line.curvature)
+    squares = "(E{row}^2-D{row}^2)"
+    side = "MAX" if line.at_limit is not None and line.at_limit > width else "MIN"  # where the limit lies
+    grown = Formula(0.0, f"G{{row}}*{squares}+H{{row}}*{side}(0,{squares})^2")
+    at_limit: tuple[Cell, ...] = empty
+    if line.at_limit is not None and line.slope > 0:
+        root = f"SQRT(MAX(0,G{{row}}^2+4*H{{row}}*{side}(0,{room})))"
+        now = Formula(line.at_limit, f"SQRT(MAX(0,D{{row}}^2+2*{room}/(G{{row}}+{root})))")
+        at_limit = (line.at_limit, now, Formula(line.at_limit - width, "M{row}-E{row}"))
+    contribution = Formula(line.contribution, "F{row}*E{row}")
+    return Row((*line[:3], *stated, contribution, share, grown, *at_limit, *empty))
+
+
+# --- levers, and the method ----------------------------------------------------------------------------
 
 
 def levers_blocks(score: Score) -> tuple[Block, ...]:

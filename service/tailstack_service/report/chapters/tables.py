@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from tailstack.results import Provenance, TargetScore, Verdict
-from tailstack.results.score import BudgetLine, budget_table
+from tailstack.results import Provenance, Verdict
 from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
@@ -15,39 +14,6 @@ from ...rendering.blocks import Block, Bullets, Document, Facts, Section
 
 if TYPE_CHECKING:
     from ...gate.records import GateProvenance
-    from ..records import Allowance
-
-SLACK_NOTE = (
-    " Half-width at limit: the one at which the requirement on a quantile that decides at the target, of all units "
-    "together or of each unit, is just met, by estimate, if nothing else changes; slack is what is left to it, "
-    "negative where it has to shrink, empty where not even zero is enough. Slack can be spent once: two tolerances "
-    "cannot both use it up."
-)
-COST_NOTE = " Cost: by the prices of the design's optimise section; a half-width without a price has none."
-
-
-def budget_with_slack(target: TargetScore, name: str, allowances: Sequence[Allowance] = (), decimals: int = 3) -> Table:
-    """The budget of a target, and beside it how far each half-width is from the one at its limit, and what it costs."""
-    known = {(entry.contributor, entry.component): entry for entry in allowances if entry.target == target.name}
-    if not known:
-        return budget_table(target, decimals, name)
-
-    def of_own(field: str) -> Callable[[BudgetLine], Cell]:
-        return lambda row: getattr(known.get((row.line.name, row.line.component)), field, None)
-
-    def in_words(row: BudgetLine) -> str:
-        own = known.get((row.line.name, row.line.component))
-        below = any((part.name, part.component) in known for part in row.parts)
-        return own.status if own is not None else "see its components" if below else ""
-
-    columns = (
-        Column("Half-width at limit", "unit", "significant", of=of_own("at_limit")),
-        Column("Slack", "unit", "significant", of=of_own("slack")),
-        Column("Slack in words", on=On.SHEET, of=in_words),
-    )
-    with_cost = any(entry.cost is not None for entry in known.values())
-    cost = (Column("Cost", "", "significant", 4, of=of_own("cost")),) if with_cost else ()
-    return budget_table(target, decimals, name, (*columns, *cost), SLACK_NOTE + (COST_NOTE if with_cost else ""))
 
 
 def compose_document(
