@@ -36,7 +36,7 @@ from tailstack.studies.linearity import study_linearity
 from tailstack.system import Law, Sources, System, View, no_sources
 from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.sentences import shares_of
-from tailstack_service.report.headline import headline_of
+from tailstack_service.report.records import headline_of
 from typical import draw_value
 
 # What is no source of error, known or random: what is seen, from where, where to, and how it is computed.

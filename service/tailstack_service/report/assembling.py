@@ -23,8 +23,7 @@ from tailstack.verification import PreparedDesign, prepare, verify
 
 from .chapters.optimisation import optimise_command
 from .half_widths import allowances
-from .headline import headline_of
-from .records import ErrorDistribution, Report, Reproduction
+from .records import ErrorDistribution, Report, Reproduction, headline_of
 
 DEFAULT_PARTS = ("score", "verification")
 BINS = 36

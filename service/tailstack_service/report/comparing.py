@@ -23,8 +23,16 @@ from tailstack.verification import PreparedDesign, Sampling, prepare, verify_pre
 
 from ..problems import RequestError
 from .assembling import ReportContents, assemble, draw_norms, drawing_options
-from .headline import comparison_decimals, decided_difference, difference_decimals
-from .records import Change, Comparison, ComparisonHeadline, Difference, Report
+from .records import (
+    Change,
+    Comparison,
+    ComparisonHeadline,
+    Difference,
+    Report,
+    comparison_decimals,
+    decided_difference,
+    difference_decimals,
+)
 
 MOST_COMPARED = 2**18  # trials of each design
 FEWEST = 64 * SECTIONS  # trials: below, the P95 of a section hangs on three of them

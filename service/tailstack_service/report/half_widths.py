@@ -21,8 +21,7 @@ from tailstack.results import Check
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
-from .headline import tightest_check
-from .records import Allowance
+from .records import Allowance, tightest_check
 
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
 

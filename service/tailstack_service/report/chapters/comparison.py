@@ -22,8 +22,7 @@ from tailstack.results.verdicts import (
 
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import draw_budgets, draw_dots, draw_errors
-from ..headline import comparison_decimals, decided_difference, difference_decimals
-from ..records import Comparison, Difference, Report
+from ..records import Comparison, Difference, Report, comparison_decimals, decided_difference, difference_decimals
 from .layout import layout_blocks
 from .optimisation import design_listing
 from .report import method_chapter

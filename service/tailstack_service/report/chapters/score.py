@@ -81,8 +81,7 @@ from ...rendering.sentences import (
     views_sentence,
 )
 from ..charts import PHONE, draw_dots, draw_levers, draw_scale, draw_shares
-from ..headline import headline_of, tightest_check
-from ..records import Allowance, Headline
+from ..records import Allowance, Headline, headline_of, tightest_check
 from .tables import compose_document, verdict_blocks
 
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details

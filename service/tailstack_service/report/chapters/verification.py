@@ -23,7 +23,7 @@ from ...rendering.blocks import (
     tone_of,
 )
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
-from ..headline import checked_headline
+from ..records import checked_headline
 from .score import headline_figure, key_numbers, measures_blocks
 from .tables import compose_document, verdict_blocks
 
