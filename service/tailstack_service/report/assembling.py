@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any
+from math import degrees
+from typing import Any, Literal
 
 import numpy as np
 
+from tailstack.budget import BudgetEntry, lines_of
+from tailstack.contributors import error_law, risk_of_units, unit_for_people
 from tailstack.design import Design, design_to_data
 from tailstack.geometry.arrays import Array
+from tailstack.levels import Drawn, level_of
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import ChainPlan
 from tailstack.montecarlo.simulate import Progress
-from tailstack.results import Optimisation, Score, TargetScore, Verification
+from tailstack.optimisation.prices import cost_of
+from tailstack.propagation.linear import LinearModel
+from tailstack.results import Check, Optimisation, Score, TargetScore, Verification
 from tailstack.results.radiostereometry import Profile
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
 from tailstack.studies.radiostereometry import PAIRS, radiostereometry, refuse_without_bodies
+from tailstack.system import System
+from tailstack.tail.declared import law_quantile
 from tailstack.verification import PreparedDesign, prepare, verify
 
 from .chapters.optimisation import optimise_command
-from .half_widths import allowances
-from .records import ErrorDistribution, Report, Reproduction, headline_of
+from .records import Allowance, ErrorDistribution, Report, Reproduction, headline_of, tightest_check
 
 DEFAULT_PARTS = ("score", "verification")
 BINS = 36
@@ -69,6 +76,7 @@ def assemble(
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design, fifty_shots=True)
     ready = prepare(design, sampled=verification is not None)
+    priced = _find_prices(design, ready.system)
     pictured = sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
     return Report(
         schema="tailstack/report/1",
@@ -81,7 +89,7 @@ def assemble(
         allowances=tuple(
             entry
             for name in _judged_targets(scored, pictured)
-            for entry in allowances(design, ready.system, ready.models[name], name, scored.verdict.checks)
+            for entry in list_allowances(ready.models[name], name, scored.verdict.checks, priced)
         ),
         design=design_to_data(design),
         reproduction=_reproduction(options, verification, optimisation),
@@ -180,3 +188,106 @@ def options_of(request: dict[str, Any]) -> ReportContents:
     }
     lists = {name: tuple(value) for name, value in stated.items() if isinstance(value, list)}
     return ReportContents(**(stated | lists))
+
+
+# --- how far half-widths may go ---------------------------------------------------------------------------
+
+FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
+
+
+def _quantile_mm(model: LinearModel, check: Check, line: BudgetEntry, factor: float) -> float:
+    """What a check limits, with the half-widths of a line of the budget ``factor`` times what they are."""
+    if factor != 1.0:
+        scale = np.ones(len(line.block.half_width))
+        scale[list(line.sources)] = factor
+        block = line.block.with_half_widths(line.block.half_width * scale)
+        blocks = tuple(block if number == line.number else other for number, other in enumerate(model.blocks))
+        model = replace(model, blocks=blocks)
+    law = error_law(model, check.error, check.quantile)
+    if check.min_yield is None:
+        return law_quantile(law.law, check.quantile).quantile_mm
+    level = level_of(check.risk) or Drawn.UNIT
+    return risk_of_units(model, law, check.quantile, None, check.min_yield, level).value_mm
+
+
+Prices = dict[tuple[str, str], tuple[float | None, float, float]]  # cost, smallest, largest, by contributor, component
+
+
+def list_allowances(
+    model: LinearModel, target: str, checks: tuple[Check, ...], priced: Prices
+) -> tuple[Allowance, ...]:
+    """How far each line of the budget with one half-width may go by itself until a limit is met, and what it costs.
+
+    In the order of the chain.  A half-width changes neither bias nor sensitivities, so one linear model serves all.
+    checks: the first-order ones.  The slack is to the requirement that decides at the target, pooled or of each unit.
+    """
+    tightest = tightest_check(checks, target)
+    entries = []
+    for line in (line for line in lines_of(model) if line.alike):  # they do not overlap
+        unit, people = unit_for_people(line.block.units[line.sources[0]])
+        width = float(line.block.half_width[line.sources[0]]) * people  # in the unit that people use
+        status, ratio = ("no requirement", None) if tightest is None else _ratio(model, line, tightest)
+        cost, smallest, largest = priced.get((line.block.contributor, line.component), (None, None, None))
+        entries.append(
+            Allowance(
+                target=target,
+                contributor=line.block.contributor,
+                component=line.component,
+                unit=unit,
+                half_width=width,
+                requirement=None if tightest is None else tightest.requirement,
+                status=status,
+                at_limit=None if ratio is None else width * ratio,
+                slack=None if ratio is None else width * (ratio - 1),
+                cost=cost,
+                smallest=smallest,
+                largest=largest,
+                label=line.block.label,
+            )
+        )
+    return tuple(entries)
+
+
+Status = Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
+
+
+def _ratio(model: LinearModel, line: BudgetEntry, check: Check) -> tuple[Status, float | None]:
+    """By which factor on the line's half-width what the check limits is at its limit."""
+    if not line.block.half_width[line.sources[0]] > 0:
+        return "no influence", None
+    from scipy.optimize import brentq  # a tenth of a second, of which a report without limits has no use
+
+    limit_mm = check.limit if check.beyond is None else check.beyond
+
+    def excess(factor: float) -> float:
+        return _quantile_mm(model, check, line, factor) - limit_mm
+
+    if excess(1.0) > 0:
+        if excess(0.0) > 0:
+            return "zero is not enough", None
+        return "too wide", float(brentq(excess, 0.0, 1.0, xtol=1e-12))
+    high = 2.0
+    while excess(high) < 0:
+        high *= 4
+        if high > FURTHEST:
+            return "no influence", None
+    return "spare", float(brentq(excess, 1.0, high, xtol=1e-12))
+
+
+def _find_prices(design: Design, system: System) -> Prices:
+    """Of the half-widths that the optimise section sets free, in the unit of the document; none without it."""
+    if design.document.optimise is None:
+        return {}
+    from tailstack.optimisation.request import read_request
+
+    free_widths = read_request(design).problem.half_widths
+    mounts = {mount.name: mount for mount in system.interfaces}
+    priced: Prices = {}
+    for free in free_widths:
+        sources = mounts[free.contributor].sources
+        place = sources.names.index(free.component)
+        shown = degrees if sources.units[place] == "rad" else float
+        cost = cost_of(free.price, float(sources.half_width[place]))
+        known = cost if np.isfinite(cost) else None
+        priced[free.contributor, free.component] = known, shown(free.minimum), shown(free.maximum)
+    return priced
