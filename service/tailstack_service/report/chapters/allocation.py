@@ -7,7 +7,7 @@ from tailstack.results.digits import at_least, at_most, percent
 from tailstack.results.optimisation import changes_table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Listing, Paragraph, Section
-from .tables import compose_document
+from .document import compose_document
 
 
 def allocation_document(allocation: Allocation, sha256: str) -> Document:

@@ -9,7 +9,7 @@ from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
-from .tables import compose_document
+from .document import compose_document
 
 SHOWN = 40  # rows in a terminal
 

@@ -23,12 +23,11 @@ from tailstack.results.verdicts import (
 from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import draw_budgets, draw_dots, draw_errors
 from ..records import Comparison, Difference, Report, comparison_decimals, decided_difference, difference_decimals
+from .document import closing_sections
 from .layout import layout_blocks
 from .optimisation import design_listing
-from .report import method_chapter
-from .review import review_sections
+from .report import method_chapter, review_sections
 from .score import say_misses
-from .tables import closing_sections
 
 COLUMNS = ("First", "Second")
 DESIGNS = ("first design", "second design")

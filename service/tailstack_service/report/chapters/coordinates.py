@@ -11,7 +11,7 @@ from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
-from .tables import compose_document
+from .document import compose_document
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]

@@ -17,7 +17,7 @@ from ...gate.records import (
 )
 from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 from ...rendering.text import spell_count
-from .tables import closing_sections
+from .document import closing_sections
 
 MOST_FILES = 20  # in a command
 

@@ -43,8 +43,8 @@ from ...rendering.blocks import (
 )
 from ...rendering.sentences import decision_sentence, ending_of
 from ...rendering.text import csv_text, plain_text, spell_count
+from .document import closing_sections, provenance_facts, verdict_blocks
 from .layout import Known, layout_blocks, score_if_determined
-from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
 
 MOST_BINDING = 3  # said on the first page

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from tailstack.design.review import Comment, Review
 from tailstack.results.digits import decimals_of
 from tailstack.results.score import targets_table, views_table
+from tailstack.results.tables import LONG_TABLE, Column, tabulate
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
 from tailstack.results.verification import estimates_table
 
@@ -11,6 +15,7 @@ from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing
 from ...rendering.sentences import units_sentence
 from ..charts import draw_distribution
 from ..records import Report
+from .document import closing_sections, provenance_facts
 from .layout import beads_table, layout_blocks, score_if_determined
 from .optimisation import (
     certificate_blocks,
@@ -21,7 +26,6 @@ from .optimisation import (
     optimised_sentence,
 )
 from .radiostereometry import radiostereometry_blocks
-from .review import review_sections
 from .score import (
     budget_blocks,
     dots_blocks,
@@ -33,7 +37,6 @@ from .score import (
     method_blocks,
     units_number,
 )
-from .tables import closing_sections, provenance_facts
 from .verification import sampling_blocks
 
 
@@ -138,3 +141,31 @@ def reproduction_blocks(report: Report) -> tuple[Block, ...]:
     most = () if made.max_trials is None else (("Trials at most", f"{made.max_trials:,}"),)
     facts = Facts("Reproduction", (*seed, *most, ("Version", f"tailstack {report.provenance.tailstack_version}")))
     return (Listing("\n".join(made.commands), "Commands"), facts, Bullets((made.statement,)))
+
+
+def review_sections(design: dict[str, Any]) -> tuple[Section, ...]:
+    """The chapter of a design document; none where nobody has commented or kept a version."""
+    review = Review.model_validate(design.get("review") or {})
+    blocks: list[Block] = []
+    if review.comments:
+        listed = sorted(review.comments, key=lambda comment: comment.resolved)
+        count = sum(not comment.resolved for comment in listed)
+        columns = (
+            Column("On", of=_pin), Column("Comment", of=lambda comment: comment.text),
+            Column("By", of=lambda comment: comment.author), Column("When", of=lambda comment: comment.date or ""),
+            Column("State", of=lambda comment: "resolved" if comment.resolved else "open"),
+        )  # fmt: skip
+        blocks.append(tabulate("Comments", f"Comments, {count} of them open", columns, listed, most=LONG_TABLE))
+    if review.versions:
+        kept: tuple[Column, ...] = (
+            Column("Version", of=lambda version: version.name), Column("Note", of=lambda version: version.note),
+            Column("Kept", of=lambda version: version.date or ""),
+        )  # fmt: skip
+        blocks.append(tabulate("Versions", "Versions kept in the design document", kept, review.versions))
+    return (Section("Review", tuple(blocks)),) if blocks else ()
+
+
+def _pin(comment: Comment) -> str:
+    if comment.bead is not None:
+        return f"bead {comment.bead}"
+    return " ".join(filter(None, (comment.contributor, comment.component))) or "the design"

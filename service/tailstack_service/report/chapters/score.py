@@ -82,7 +82,7 @@ from ...rendering.sentences import (
 )
 from ..charts import PHONE, draw_dots, draw_levers, draw_scale, draw_shares
 from ..records import Allowance, Headline, headline_of, tightest_check
-from .tables import compose_document, verdict_blocks
+from .document import compose_document, verdict_blocks
 
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first

@@ -13,7 +13,7 @@ from ...problems import RequestError
 from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ...rendering.text import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
-from .tables import compose_document
+from .document import compose_document
 
 EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 

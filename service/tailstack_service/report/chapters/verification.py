@@ -24,8 +24,8 @@ from ...rendering.blocks import (
 )
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..records import checked_headline
+from .document import compose_document, verdict_blocks
 from .score import headline_figure, key_numbers, measures_blocks
-from .tables import compose_document, verdict_blocks
 
 
 def verification_document(check: Verification, sha256: str) -> Document:

@@ -19,10 +19,10 @@ from tailstack.studies.bench.levels import LevelCompared
 from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
 from ...rendering.text import visible
+from ..chapters.document import compose_study
 from ..charts import RING
 from ..page import beside, titled_page
 from ..svg import broken
-from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

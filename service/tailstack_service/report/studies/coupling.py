@@ -13,9 +13,9 @@ from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, C
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling
 
 from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
+from ..chapters.document import compose_study
 from ..page import beside, titled_page
 from ..svg import broken
-from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from tailstack.results.tables import Column, On, Table, tabulate
 
 from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section
-from .study import compose_study
+from ..chapters.document import compose_study
 
 if TYPE_CHECKING:
     from tailstack.studies.estimators import EstimatorCase, StudyEstimators

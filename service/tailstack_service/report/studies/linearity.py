@@ -15,8 +15,8 @@ from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within, 
 
 from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ...rendering.text import csv_text, list_reasons, visible
+from ..chapters.document import compose_study
 from ..page import draw_cells, titled_page
-from .study import compose_study
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
 MOST_REASONS = 8

@@ -13,8 +13,8 @@ from tailstack.studies.placement import PlacementCase, StudyPlacement, cases_of
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
 from ...rendering.text import csv_text, plain_text
+from ..chapters.document import compose_study
 from ..page import DOTTED, titled_page
-from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

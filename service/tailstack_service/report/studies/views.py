@@ -14,9 +14,9 @@ from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
 from ...rendering.text import shorten
+from ..chapters.document import compose_study
 from ..charts import shade
 from ..page import titled_page
-from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 from tailstack.studies.workspace import PLANES, StudyWorkspace, WorkspaceField
 
 from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
+from ..chapters.document import compose_study
 from ..charts import shade
 from ..page import titled_page
-from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

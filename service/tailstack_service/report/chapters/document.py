@@ -1,16 +1,16 @@
-"""Tables that several kinds of results share."""
+"""What the documents of all results share: how they are composed, and what they end with."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from tailstack.results import Provenance, Verdict
-from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
+from tailstack.results.tables import IN_DETAIL, PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
-from ...rendering.blocks import Block, Bullets, Document, Facts, Section
+from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section
 
 if TYPE_CHECKING:
     from ...gate.records import GateProvenance
@@ -28,6 +28,40 @@ def compose_document(
     facts = provenance_facts(made, sha256, record.schema)
     known: dict[str, Any] = {"title": made.design_name, "tone": "neutral", "provenance": facts, "made": made}
     return Document(sections=(*sections, *closing_sections(made, *reproduction, design=design)), **(known | own))
+
+
+REPRODUCTION = (
+    "design.yaml is the design of the hash named on the first page; the record of a study does not hold it. The same "
+    "version of tailstack gives the same digits, whatever the number of threads, workers or machines."
+)
+
+
+def compose_study(
+    study: Any, sha256: str, kind: str, *, sentences: Sequence[str], sections: Sequence[Section], command: str,
+    about: Sequence[Block] = (), figure: tuple[str, Callable[[], str], str] | None = None, **own: Any,
+) -> Document:  # fmt: skip
+    """The document of a study of one design.
+
+    sentences: what the study says, the first of them the answer.  about: how it was done.  figure: name, what draws it,
+    caption.  command: that repeats it.  own: further fields of the document.
+    """
+    return compose_document(
+        study,
+        sha256,
+        (
+            Section("In words", (Bullets(tuple(sentences)),)),
+            *sections,
+            Section("Method and assumptions", tuple(about), on=IN_DETAIL, reader="auditor"),
+        ),
+        Listing(command),
+        Paragraph(REPRODUCTION),
+        kind=f"Study: {kind}",
+        sentence=sentences[0],
+        matters=tuple(sentences[1:4]),
+        figures=() if figure is None else (Figure(*figure),),
+        captions=True,
+        **({"status": "study"} | own),
+    )
 
 
 def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: str = "design") -> Facts:
