@@ -24,8 +24,7 @@ from family import COMMAND, run_python
 from tailstack import load_design, score, verify
 from tailstack.results.verdicts import rest_of
 from tailstack.sweeping import read_axes, sweep
-from tailstack_service.audit import audit
-from tailstack_service.audit.holding import read_report
+from tailstack_service.audit import audit, read_report
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render

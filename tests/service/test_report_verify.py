@@ -148,7 +148,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
-    from tailstack_service.audit import verify as audit_module
+    from tailstack_service import audit as audit_module
 
     def update(data: dict[str, Any], new: dict[str, Any]) -> None:
         for key, value in new.items():

@@ -135,7 +135,7 @@ def _stem(name: str) -> str:
 
 def _read(name: str) -> ReadResult | bytes | Path:
     """A result, or where a design is to be loaded from.  Raises RequestError, LimitError."""
-    from ..audit.holding import read_report
+    from ..audit import read_report
     from ..gate.reading import LIMITS
     from ..operations.reading import ReadResult, read_document
 
@@ -149,7 +149,7 @@ def _read(name: str) -> ReadResult | bytes | Path:
 
 def _page(given: bytes | Path) -> bytes | None:
     """The content of a report that is not JSON: its record is rendered again."""
-    from ..audit.holding import form_of
+    from ..audit import form_of
 
     if isinstance(given, Path):
         try:
@@ -242,8 +242,7 @@ def _held_design(result: ReadResult, file: str) -> Design:
 
 def _verify(arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when everything is the same, 1 when something differs, 3 when it could not be compared."""
-    from ..audit import Effort, audit
-    from ..audit.findings import audit_text
+    from ..audit import Effort, audit, audit_text
 
     for name in ("summary", "supplier"):
         if getattr(arguments, name):
