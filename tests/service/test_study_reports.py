@@ -26,7 +26,7 @@ from tailstack_service.cli.main import build_parser
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
-from tailstack_service.operations.units.whole import compute_whole
+from tailstack_service.operations.units.parts import compute_whole
 from tailstack_service.rendering.blocks import Paragraph
 from tailstack_service.schemas import json_schema, record_of
 

@@ -17,6 +17,7 @@ from ..processes.task import ADVANCE, Outcome, Task, UnitResult
 from .content import canonical
 from .example import EXAMPLE_DESIGN
 from .registry import OPERATIONS
+from .units.parts import compute_whole, plan_whole
 
 
 def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
@@ -25,6 +26,8 @@ def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) ->
     A pure function: it is asked again after every round, and after a kill, and says the same each time.  Raises
     TailstackError for a request that is refused, ``RefusedAt`` where that is not about ``/design``.
     """
+    if not OPERATIONS[kind].cut:
+        return plan_whole(results)
     outcome: Outcome = _units(kind).plan(request, results)
     return outcome
 
@@ -32,8 +35,6 @@ def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) ->
 def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """The result of a unit that ``plan`` asked for; a pure function, which raises what ``plan`` raises."""
     if not OPERATIONS[kind].cut:
-        from .units.whole import compute_whole
-
         return compute_whole(OPERATIONS[kind], request)
     result: bytes = _units(kind).compute(request, spec)
     return result
@@ -41,7 +42,7 @@ def compute(kind: str, request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 
 def _units(kind: str) -> Any:
     """The module that cuts an operation into units."""
-    return import_module(f"{__package__}.units.{kind if OPERATIONS[kind].cut else 'whole'}")
+    return import_module(f"{__package__}.units.{kind}")
 
 
 def perform(task: Task) -> Outcome:

@@ -38,7 +38,7 @@ from tailstack.results import FrontPoint
 from ...documents import to_json
 from ...processes.task import Outcome, UnitResult
 from ..content import canonical, loaded_design
-from . import whole
+from .parts import compute_whole, plan_whole
 
 _FRONT_POINT = TypeAdapter(FrontPoint)
 Key = tuple[bytes, int | None, int | None, float | None]  # design, seed, starts, gap
@@ -52,7 +52,7 @@ ONE_THREAD = Control(threads=1)
 def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Outcome:
     """First every start, at every number of fiducials; then the points of a front; then the answer."""
     if frees_views(loaded_design(canonical(request["design"]))):
-        return whole.plan(request, tuple(results))
+        return plan_whole(tuple(results))
     task = _task(*_key(request))
     held = {unit.spec: unit.result for unit in results}
     try:
@@ -101,7 +101,7 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     if spec["what"] == "whole":
         from ..optimisation import OPERATION
 
-        return whole.compute_whole(OPERATION, request)
+        return compute_whole(OPERATION, request)
     prepared = _prepare(*_key(request), spec["position"])
     if isinstance(prepared, TailstackError):
         return _bytes([])

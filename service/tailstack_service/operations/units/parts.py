@@ -1,12 +1,18 @@
-"""What jobs of several kinds share when they are cut: spans of a list, and jobs of other kinds inside one job."""
+"""How jobs of several kinds are cut: into spans of a list, into jobs of other kinds, or not at all."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from typing import Any
 
+from tailstack.errors import TailstackError
+
+from ...documents import to_json
+from ...problems import RefusedAt
 from ...processes.task import Outcome, UnitResult
-from ..content import canonical
+from ..content import canonical, design_of
+from ..operation import Call, Operation
 
 
 def plan_spans(what: str, total: int, count: int, results: Iterable[UnitResult]) -> Outcome | list[bytes]:
@@ -47,3 +53,26 @@ class Parts:
         if not self._specs:
             return None
         return Outcome(more=tuple(self._specs), remaining=self._remaining, note=note or "; ".join(self._notes))
+
+
+# --- an operation that is not cut ------------------------------------------------------------------------
+
+WHOLE = canonical({"what": "whole"})
+
+
+def plan_whole(results: Sequence[UnitResult]) -> Outcome:
+    """One unit, then the whole record, which it gave."""
+    return Outcome(answer=results[0].result) if results else Outcome(more=(WHOLE,))
+
+
+def compute_whole(operation: Operation, request: dict[str, Any]) -> bytes:
+    """The record of an operation, computed by its ``run``."""
+    designs = tuple(design_of({"design": request[field]}) for field in operation.designs if field in request)
+    options = {name: request[name] for name in operation.options.model_fields if name in request}
+    call = Call(designs, operation.options.model_validate(options), threads=1)
+    try:
+        return to_json(operation.run(call))
+    except TailstackError as error:
+        if error.slug == "invalid-request":  # it is about the options, not about the design
+            raise RefusedAt.place(error) from None
+        raise
