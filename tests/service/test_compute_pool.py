@@ -25,7 +25,7 @@ from strange_units import begun, expected_answer, request
 
 from family import started
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes import birth, child, linux
+from tailstack_service.processes import birth, child
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
 from tailstack_service.processes.frames import Defect, Died, GivenBack
 from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
@@ -363,12 +363,12 @@ def test_a_task_that_is_too_large_for_the_pipe_of_a_process_that_stands_still() 
         assert not psutil.pid_exists(pid)
 
 
-@pytest.mark.skipif(not linux.HERE, reason="reads what Linux says of a process")
+@pytest.mark.skipif(not birth.ON_LINUX, reason="reads what Linux says of a process")
 def test_the_processor_time_of_a_process_is_that_of_its_threads_in_both_modes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """published: proc(5): after the name state, 10 fields, ticks in user and in kernel mode; those of its children."""
-    monkeypatch.setattr(linux, "Path", lambda path: tmp_path / path.lstrip("/"))
+    monkeypatch.setattr(birth, "Path", lambda path: tmp_path / path.lstrip("/"))
     threads = {
         "7": "7 (name) of) S 1 1 1 0 -1 4 900 901 902 903 30 5 6000 7000 20 0",
         "8": "8 (b) S" + " 0" * 10 + " 2 1",
@@ -376,7 +376,7 @@ def test_the_processor_time_of_a_process_is_that_of_its_threads_in_both_modes(
     for thread, text in threads.items():
         (tmp_path / "proc/7/task" / thread).mkdir(parents=True)
         (tmp_path / "proc/7/task" / thread / "stat").write_text(text)
-    assert linux.read_processor_time(7) == ((30 + 5 + 2 + 1) / linux.TICKS_A_SECOND, False)
+    assert birth.read_processor_time(7) == ((30 + 5 + 2 + 1) / birth.TICKS_A_SECOND, False)
     (tmp_path / "proc/7/task/8/stat").write_text("8 (b) D" + " 0" * 10 + " 2 1")
-    assert linux.read_processor_time(7) == (38 / linux.TICKS_A_SECOND, True)
-    assert linux.read_processor_time(9) is None
+    assert birth.read_processor_time(7) == (38 / birth.TICKS_A_SECOND, True)
+    assert birth.read_processor_time(9) is None

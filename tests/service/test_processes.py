@@ -430,7 +430,7 @@ def test_what_takes_too_much_memory_is_refused_and_the_process_goes_on() -> None
     program = """
 from functools import partial
 from tailstack_service.http.computations import perform
-from tailstack_service.processes.linux import limit_memory
+from tailstack_service.processes.birth import limit_memory
 limit_memory(600_000_000)
 refused = perform(partial(bytearray, 900_000_000))
 print(refused.slug, refused.problems[0].hint)

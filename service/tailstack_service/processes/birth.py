@@ -1,4 +1,4 @@
-"""Python processes of our own: how one is started, and computing processes as whoever wants them sees them.
+"""Python processes of our own: how one is started, computing processes as whoever wants them sees them, what Linux has.
 
 Each has the same interpreter and the same modules, and one thread in heavy loops.  Computing processes are forked from
 a nursery (Linux), or started by themselves.
@@ -29,8 +29,9 @@ from tailstack.kernels.sources import SourceFile, digest_of_all, read_sources
 from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
 
-from . import linux
+from ..environment import PLAIN_PROCESSES
 
+ON_LINUX = sys.platform == "linux" and os.environ.get(PLAIN_PROCESSES, "") in ("", "0")
 LARGEST_PACKET = 1 << 20  # an environment is some kilobytes
 LONGEST_CODE = 16  # digits
 PREPARED = b"prepared"
@@ -127,7 +128,7 @@ def start_child(function: str, stream: int, most_bytes: int = 0) -> ForkedProces
     memory that it may take; 0: any.  Raises OSError.
     """
     environment = make_environment()
-    if linux.HERE:
+    if ON_LINUX:
         return ForkedProcess(_ask(Birth(function, digest_code(), most_bytes, environment), stream, 2))
     command = make_command(CHILD, function, digest_code(), str(most_bytes))
     return subprocess.Popen(command, stdin=stream, stdout=stream, env=environment)
@@ -139,7 +140,7 @@ async def prepare_children(function: str, computations: tuple[str, ...]) -> None
     computations: whose kernels it calls (``tailstack.kernels.calls``).  Where processes are not forked nothing happens.
     Raises RuntimeError with what failed, OSError.
     """
-    if not linux.HERE:
+    if not ON_LINUX:
         return
     with _ask(Preparation(function, computations)) as line:
         _prepared[function] = computations
@@ -154,7 +155,7 @@ def share_nursery() -> Nursery | None:
 
     It goes there as multiprocessing pickles it, or by the descriptor of its socket.
     """
-    return _find_nursery() if linux.HERE else None
+    return _find_nursery() if ON_LINUX else None
 
 
 def join_nursery(nursery: Nursery) -> None:
@@ -292,3 +293,66 @@ def describe_ending(code: int) -> str:
     except ValueError:  # a real-time signal
         return f"signal {-code}"
     return f"{name} ({REASONS.get(name) or (signal.strsignal(-code) or 'signal').lower()})"
+
+
+# --- what only Linux offers --------------------------------------------------------------------------------
+
+# Elsewhere a computing process is started by itself and not forked, its memory has no limit, it is not killed by the
+# end of its parent but leaves when its stdin ends, and nobody sees whether a silent one computes.  With
+# TAILSTACK_PLAIN_PROCESSES=1 in the environment it is like that on Linux as well, as the tests of it need.
+PR_SET_PDEATHSIG = 1
+OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
+RESIDENT = 1  # field of /proc/PID/statm: what is in memory
+WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
+TICKS_A_SECOND = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+
+
+def die_with_parent() -> None:
+    """Be killed when the thread ends that started this process, and before others where memory runs out."""
+    if ON_LINUX:
+        import ctypes
+
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
+            score.write(str(OOM_SCORE))
+
+
+def resident_bytes() -> int:
+    """Of this process in memory; 0 elsewhere."""
+    if ON_LINUX:
+        with suppress(OSError), open("/proc/self/statm", "rb") as pages:
+            return int(pages.read().split()[RESIDENT]) * os.sysconf("SC_PAGE_SIZE")
+    return 0
+
+
+def limit_memory(most_bytes: int) -> None:
+    """For this process from now on, on what it can write to (``RLIMIT_DATA``), close to what it uses; 0: no limit.
+
+    What goes beyond is refused, and nobody is killed.  Address space says nothing: LLVM and BLAS reserve hundreds of
+    megabytes of it that they never touch.
+    """
+    if ON_LINUX and most_bytes:
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        most = most_bytes if hard == resource.RLIM_INFINITY else min(most_bytes, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+def read_processor_time(pid: int) -> tuple[float, bool] | None:
+    """(seconds that all threads of a process have used, whether one of them waits for the system).
+
+    None where it, or one of its threads, has just ended, and elsewhere.
+    """
+    ticks, waits, tasks = 0, False, Path(f"/proc/{pid}/task")
+    if not ON_LINUX:
+        return None
+    try:
+        for thread in os.listdir(tasks):
+            # The name in parentheses may hold anything; state, then 10 fields, then ticks in user and kernel mode
+            fields = (tasks / thread / "stat").read_text().rpartition(")")[2].split()
+            waits |= fields[0] in WAITS_FOR_SYSTEM
+            ticks += int(fields[11]) + int(fields[12])
+    except (OSError, IndexError, ValueError):
+        return None
+    return ticks / TICKS_A_SECOND, waits

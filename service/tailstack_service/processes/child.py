@@ -23,9 +23,8 @@ from typing import IO, Any
 
 from tailstack.kernels.process import ignore_settings_of_folder
 
-from .birth import digest_files
+from .birth import digest_files, limit_memory, resident_bytes
 from .frames import BEGUN, OTHER_CODE, receive, send
-from .linux import limit_memory, resident_bytes
 from .task import Estimated
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is

@@ -30,9 +30,8 @@ from tailstack.errors import MissingExtraError
 from tailstack.kernels.process import ignore_settings_of_folder
 
 from . import child
-from .birth import LARGEST_PACKET, PREPARED, Birth, Preparation
+from .birth import LARGEST_PACKET, PREPARED, Birth, Preparation, die_with_parent
 from .frames import CHECK
-from .linux import die_with_parent
 
 OPTIMISER = "tailstack.optimisation.course"
 MODULES = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", OPTIMISER, "casadi")

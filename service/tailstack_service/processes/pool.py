@@ -16,9 +16,8 @@ from math import inf
 from typing import Any
 
 from ..clock import SYSTEM_CLOCK, Clock
-from .birth import describe_ending, start_child
+from .birth import describe_ending, read_processor_time, start_child
 from .frames import BEGUN, OTHER_CODE, Defect, Died, NotBegun, OutOfDate, PutBack, pack, receive_async
-from .linux import read_processor_time
 
 LOOK_SECONDS = 0.25  # between two looks at what a process does
 
