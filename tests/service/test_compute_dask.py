@@ -24,8 +24,7 @@ from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.problems import RequestError
-from tailstack_service.processes.frames import Died
-from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Died, Estimated, RawRequest, Task, UnitResult
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
@@ -100,7 +99,7 @@ def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Clust
 
 
 def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
-    from tailstack_service.processes.frames import Defect, Died
+    from tailstack_service.processes.task import Defect, Died
 
     before = [worker.pid for worker in dask_cluster.workers if worker]
     futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
@@ -174,7 +173,7 @@ def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskE
 def test_a_lost_scheduler_gives_everything_back_and_is_found_again(
     dask_cluster: Cluster, engine: DaskEngine, tmp_path: Path
 ) -> None:
-    from tailstack_service.processes.frames import GivenBack
+    from tailstack_service.processes.task import GivenBack
 
     note = tmp_path / "note"
     futures = [engine.submit(task("burn", note=str(note)), f"away-{number}") for number in range(4)]
@@ -196,7 +195,7 @@ def test_a_lost_scheduler_gives_everything_back_and_is_found_again(
 @pytest.mark.long
 def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster) -> None:
     from tailstack_service.jobs.engines.dask import DaskEngine
-    from tailstack_service.processes.frames import GivenBack
+    from tailstack_service.processes.task import GivenBack
 
     nowhere = Settings(**dask_cluster.settings | {"TAILSTACK_DASK_SCHEDULER": "tls://127.0.0.1:1"})
     with closing(DaskEngine(nowhere)) as engine:
@@ -225,7 +224,7 @@ def test_only_while_an_engine_is_there_the_client_keeps_its_tracebacks_to_itself
 def test_another_version_on_the_dask_workers_computes_nothing(
     engine: DaskEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tailstack_service.processes.frames import GivenBack
+    from tailstack_service.processes.task import GivenBack
 
     monkeypatch.setattr("tailstack_service.jobs.engines.dask.running_code", lambda: "0.0.0")
     with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):

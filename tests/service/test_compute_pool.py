@@ -27,8 +27,7 @@ from family import started
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
-from tailstack_service.processes.frames import Defect, Died, GivenBack
-from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Defect, Died, GivenBack, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
 UNIT = b'{"unit":0}'

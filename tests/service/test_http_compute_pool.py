@@ -35,9 +35,8 @@ from tailstack_service.jobs.store import database, jobs
 from tailstack_service.operations import effort
 from tailstack_service.problems import RefusedAt, TransportError
 from tailstack_service.processes import birth, pool
-from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.processes.pool import ComputingProcess
-from tailstack_service.processes.task import Estimated, RawRequest
+from tailstack_service.processes.task import Defect, Died, Estimated, RawRequest
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until, until_async
 

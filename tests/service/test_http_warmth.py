@@ -21,7 +21,7 @@ from tailstack_service.http.app import create_app
 from tailstack_service.http.compute_pool import WARMTH_LOOK_SECONDS, ComputePool
 from tailstack_service.http.service import Service
 from tailstack_service.jobs.store.schema import open_database
-from tailstack_service.processes.frames import Died
+from tailstack_service.processes.task import Died
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until_async

@@ -29,8 +29,8 @@ from ..operations.request import DesignReferenceUnresolved
 from ..problems import RefusedAt, TransportError
 from ..processes import pool
 from ..processes.birth import prepare_children
-from ..processes.frames import OutOfDate, PutBack
 from ..processes.pool import ComputingProcess, Processes
+from ..processes.task import OutOfDate, PutBack
 
 Warmth = Literal["warming up", "ready", "failed"]
 

@@ -22,7 +22,7 @@ from tailstack.errors import TailstackError
 from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import StoreError, StoreUnavailable
 from ..processes.birth import make_command, make_environment, share_nursery
-from ..processes.frames import PERFORM
+from ..processes.task import PERFORM
 from ..settings import Settings, child_environment
 from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading

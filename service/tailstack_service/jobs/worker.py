@@ -24,8 +24,7 @@ from tailstack.errors import LimitError, Problem, SourcesChangedError
 from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import StoreError, StoreUnavailable, TransportError
 from ..processes.birth import running_code
-from ..processes.frames import Died, GivenBack, OutOfDate
-from ..processes.task import Outcome, Task
+from ..processes.task import Died, GivenBack, Outcome, OutOfDate, Task
 from ..settings import Settings
 from .engines.engine import Engine
 from .store import queue, workers

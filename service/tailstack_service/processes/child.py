@@ -24,8 +24,7 @@ from typing import IO, Any
 from tailstack.kernels.process import ignore_settings_of_folder
 
 from .birth import digest_files, limit_memory, resident_bytes
-from .frames import BEGUN, OTHER_CODE, receive, send
-from .task import Estimated
+from .task import BEGUN, OTHER_CODE, Estimated, receive, send
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.

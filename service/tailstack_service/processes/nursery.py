@@ -31,7 +31,7 @@ from tailstack.kernels.process import ignore_settings_of_folder
 
 from . import child
 from .birth import LARGEST_PACKET, PREPARED, Birth, Preparation, die_with_parent
-from .frames import CHECK
+from .task import CHECK
 
 OPTIMISER = "tailstack.optimisation.course"
 MODULES = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", OPTIMISER, "casadi")

@@ -17,7 +17,7 @@ from typing import Any
 
 from ..clock import SYSTEM_CLOCK, Clock
 from .birth import describe_ending, read_processor_time, start_child
-from .frames import BEGUN, OTHER_CODE, Defect, Died, NotBegun, OutOfDate, PutBack, pack, receive_async
+from .task import BEGUN, OTHER_CODE, Defect, Died, NotBegun, OutOfDate, PutBack, pack, receive_async
 
 LOOK_SECONDS = 0.25  # between two looks at what a process does
 

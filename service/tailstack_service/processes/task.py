@@ -1,10 +1,18 @@
-"""What is handed to a computing process, and what comes back: frozen records of bytes, the same for every engine."""
+"""What is handed to a computing process, what comes back and how it travels, and how a computation can fail.
+
+Tasks and outcomes are frozen records of bytes, the same for every engine.
+"""
 
 from __future__ import annotations
 
+import pickle
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from asyncio import StreamReader
 
 Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
 ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
@@ -34,7 +42,7 @@ class UnitResult:
 class Task:
     """One unit of a job.  Its outcome depends on nothing else."""
 
-    kind: str  # of the job: a key of kinds.KINDS
+    kind: str  # of the job: the name of its operation
     request: bytes  # canonical JSON, as accepted over HTTP
     spec: bytes  # canonical JSON: ADVANCE, or what an earlier advance asked for
     results: tuple[UnitResult, ...] = ()  # advance only: every unit recorded so far, in index order
@@ -64,3 +72,81 @@ class Estimated:
 
 # States that a job does not leave
 ENDED = frozenset({"succeeded", "failed", "cancelled"})
+
+
+# --- messages ------------------------------------------------------------------------------------------------
+
+# A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
+#
+# A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps, when what was sent
+# has been read, how many seconds of CPU the rest is expected to take (a float), to which the answer is whether it is to
+# go on (True) or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process
+# is to be replaced, and the seconds of CPU that it took.
+
+PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
+CHECK = "tailstack_service.operations.perform:check_once"  # calls the kernels that nearly every task needs
+BEGUN = "begun"  # said by a computing process when it has taken up a task
+OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
+_LENGTH = struct.Struct("<Q")
+
+
+def pack(message: Any) -> bytes:
+    """A message as it travels."""
+    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    return _LENGTH.pack(len(content)) + content
+
+
+def send(stream: IO[bytes], message: Any) -> None:
+    """Raises OSError if nobody reads any more."""
+    stream.write(pack(message))
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """The next message.  Raises EOFError if the other side ended, in the middle of one or before."""
+    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
+    return pickle.loads(_exactly(stream, length))
+
+
+async def receive_async(stream: StreamReader) -> Any:
+    """The next message, for an event loop.  Raises asyncio.IncompleteReadError (an EOFError) and OSError."""
+    (length,) = _LENGTH.unpack(await stream.readexactly(_LENGTH.size))
+    return pickle.loads(await stream.readexactly(length))
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytes:
+    content = stream.read(count)
+    if len(content) < count:
+        raise EOFError
+    return content
+
+
+# --- failures ------------------------------------------------------------------------------------------------
+
+
+class Died(Exception):
+    """The process that was computing the task ended under it; no other task was in that process."""
+
+
+class NotBegun(Died):
+    """It ended before it took up the task."""
+
+
+class PutBack(Exception):
+    """The task was read, and the rest, which will take so many seconds, was left for later."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(seconds)
+        self.seconds = seconds
+
+
+class Defect(Exception):
+    """The task raised what is not a refusal; the text is its traceback."""
+
+
+class GivenBack(Exception):
+    """The task was not computed, and not through any fault of its own."""
+
+
+class OutOfDate(GivenBack):
+    """Not computed, because the files of tailstack are no longer those that this process was started from."""

@@ -31,8 +31,7 @@ from ...clock import SYSTEM_CLOCK, Clock
 from ...environment import variable
 from ...problems import RequestError
 from ...processes.birth import running_code
-from ...processes.frames import PERFORM, Defect, Died, GivenBack
-from ...processes.task import Outcome, Task
+from ...processes.task import PERFORM, Defect, Died, GivenBack, Outcome, Task
 from ...settings import Settings
 from . import remote
 

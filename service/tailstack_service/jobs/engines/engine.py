@@ -10,8 +10,7 @@ from typing import Protocol
 from tailstack.extras import name_missing_extra
 
 from ...clock import SYSTEM_CLOCK, Clock
-from ...processes.frames import PERFORM
-from ...processes.task import Outcome, Task
+from ...processes.task import PERFORM, Outcome, Task
 from ...settings import Settings
 
 

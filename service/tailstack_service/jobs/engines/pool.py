@@ -10,9 +10,8 @@ from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 from ...clock import SYSTEM_CLOCK, Clock
-from ...processes.frames import PERFORM, GivenBack, NotBegun
 from ...processes.pool import Processes
-from ...processes.task import Outcome, Task
+from ...processes.task import PERFORM, GivenBack, NotBegun, Outcome, Task
 
 HANG_SECONDS = 30.0  # without any use of the processor, after which a process with a task counts as hung
 FRUITLESS = 3  # processes in a row that end before they begin a task

@@ -10,8 +10,7 @@ import threading
 from concurrent.futures import CancelledError, Future
 
 from ...processes.birth import running_code
-from ...processes.frames import GivenBack, OutOfDate
-from ...processes.task import Outcome, Task
+from ...processes.task import GivenBack, Outcome, OutOfDate, Task
 from .pool import PoolEngine
 
 MOST_PROCESSES = 1_000  # no limit: there are as many as the Dask worker has threads
