@@ -1,4 +1,4 @@
-"""The engine of a cluster: an existing Dask cluster, reached over TLS.
+"""The engine of a cluster: an existing Dask cluster, reached over TLS, whose workers hand each task to a process.
 
 Nothing is kept there: a result is fetched and its future released as soon as it is done, and whatever the cluster
 loses is given back and computed again.
@@ -13,7 +13,7 @@ import asyncio
 import logging
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +31,9 @@ from ...clock import SYSTEM_CLOCK, Clock
 from ...environment import variable
 from ...problems import RequestError
 from ...processes.birth import running_code
-from ...processes.task import PERFORM, Defect, Died, GivenBack, Outcome, Task
+from ...processes.task import PERFORM, Defect, Died, GivenBack, Outcome, OutOfDate, Task
 from ...settings import Settings
-from . import remote
+from .pool import PoolEngine
 
 log = logging.getLogger("tailstack.worker")
 
@@ -61,7 +61,7 @@ class ChildrenPlugin(WorkerPlugin):
     idempotent = True  # the first client's stays: being replaced would end what other clients have computed
 
     def teardown(self, worker: Worker) -> None:
-        remote.close()
+        close_beside()
 
 
 @contextmanager
@@ -114,7 +114,7 @@ class DaskEngine:
             if client is None:
                 raise GivenBack("there is no connection to the Dask scheduler")
             sent = client.submit(
-                remote.compute, task, key, self._function, running_code(), self._hang_seconds, self._most_bytes,
+                compute_beside, task, key, self._function, running_code(), self._hang_seconds, self._most_bytes,
                 key=f"tailstack-{key}", pure=False, retries=0,
             )  # fmt: skip
             with self._lock:
@@ -228,7 +228,7 @@ class DaskEngine:
         with self._lock:
             long = {a.key: a for a in self._away.values() if a.begun is None and now - a.submitted > LONG_SECONDS}
         if long:
-            for seconds in client.run(remote.seconds, on_error="ignore", callback_timeout=ANSWER_SECONDS).values():
+            for seconds in client.run(list_seconds, on_error="ignore", callback_timeout=ANSWER_SECONDS).values():
                 for key in seconds.keys() & long.keys():
                     long[key].begun = now - seconds[key]
 
@@ -239,7 +239,7 @@ class DaskEngine:
             while True:
                 keys.append(self._kills.get_nowait())
         if keys:
-            client.run(remote.kill, keys, on_error="ignore", callback_timeout=ANSWER_SECONDS)
+            client.run(kill_beside, keys, on_error="ignore", callback_timeout=ANSWER_SECONDS)
 
     def _give_everything_back(self) -> None:
         with self._lock:
@@ -277,3 +277,58 @@ def _make_security(settings: Settings) -> Any:
 
 def _setting_error(name: str, detail: str) -> RequestError:
     return RequestError(Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/settings.md lists them all"))
+
+
+# --- on a Dask worker --------------------------------------------------------------------------------------
+
+# A task is handed to a computing process beside the Dask worker: that can be killed when its job is cancelled, is the
+# only victim of a crash, and is the only thread in solvers that keep their state in globals, however many threads the
+# Dask worker has.
+MOST_PROCESSES = 1_000  # no limit: there are as many as the Dask worker has threads
+_lock = threading.Lock()
+_engines: dict[str, PoolEngine] = {}  # by function: one Dask worker serves every client that knows it
+_computed: dict[str, tuple[PoolEngine, Future[Outcome]]] = {}  # by key, at this moment
+
+
+def compute_beside(task: Task, key: str, function: str, version: str, hang_seconds: float, most_bytes: int) -> Outcome:
+    """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
+    if version != running_code():
+        raise GivenBack(f"this Dask worker has tailstack {running_code()}, the job was claimed by {version}")
+    with _lock:
+        if function not in _engines:
+            _engines[function] = PoolEngine(
+                MOST_PROCESSES, function=function, hang_seconds=hang_seconds, most_bytes=most_bytes, ahead=0
+            )
+        engine = _engines[function]
+        future = engine.submit(task, key)
+        _computed[key] = engine, future
+    try:
+        return future.result()
+    except CancelledError:
+        raise GivenBack("its process was stopped") from None
+    except OutOfDate as error:  # this Dask worker is, and not the worker that asks it
+        raise GivenBack(f"a Dask worker is to be started again: {error}") from None
+    finally:
+        del _computed[key]
+
+
+def list_seconds() -> dict[str, float]:
+    """For how long each task has been computed on this Dask worker, s, by key."""
+    return {key: engine.seconds(future) for key, (engine, future) in list(_computed.items())}
+
+
+def kill_beside(keys: list[str]) -> None:
+    """Kill the processes that compute these; called on every Dask worker."""
+    for key in keys:
+        if key in _computed:
+            engine, future = _computed[key]
+            engine.kill(future)
+
+
+def close_beside() -> None:
+    """The Dask worker is leaving: what is computed here would keep it until it is done, and then be lost."""
+    with _lock:
+        engines = list(_engines.values())
+        _engines.clear()
+    for engine in engines:
+        engine.close()
