@@ -19,11 +19,10 @@ import pytest
 from gate_scenes import FAILING, PASSING, TODAY, gate_in, of_rule, waivers_of_today, write_document
 from service_scenes import limited
 
-from tailstack_service.cli.gate_remote import complete_record, write_request
 from tailstack_service.cli.main import main
 from tailstack_service.gate.judge import Gate, judge
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admit_gate
+from tailstack_service.gate.request import admit_gate, complete_record, write_request
 
 LAX, STRICT = 1.3, 0.5  # mm; P95 of the design is about 0.65
 COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "geprüft") for form in ("NFC", "NFD"))
@@ -263,7 +262,7 @@ def test_a_service_says_the_same_of_the_same_names(tree: Path, monkeypatch: pyte
 
     given = [tree / "workspace" / "released" / "carrier.yaml", "--policy", tree / "workspace" / "policy.yaml"]
     here = gate_in(tree / "elsewhere", *given)
-    monkeypatch.setattr("tailstack_service.cli.gate_remote.judge_remotely", answer)
+    monkeypatch.setattr("tailstack_service.cli.gate.judge_remotely", answer)
     there = gate_in(tree / "elsewhere", *given, "--remote", "http://127.0.0.1:1")
     assert here[0] == 1
     assert there == here

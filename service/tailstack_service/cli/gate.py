@@ -177,13 +177,32 @@ def _judge(arguments: argparse.Namespace, designs: list[str], anchors: Anchors) 
     gate = _read_gate(arguments, designs, anchors)  # policy and waivers are refused before anything is computed
     with Progress("gate") as progress:
         if arguments.remote is not None:
-            from .gate_remote import judge_remotely
-
             return judge_remotely(gate, arguments.remote, progress)
 
         from ..gate.judge import judge
 
         return judge(gate, progress.report)
+
+
+def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
+    """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
+    from ..console.remote import RemoteService, compute_remotely, unexpected_error
+    from ..gate.judge import judge
+    from ..gate.request import complete_record, write_request
+    from ..schemas import read_record
+
+    request = write_request(gate)
+    service = RemoteService(url)
+    if not request["designs"]:  # there is nothing to ask
+        return judge(gate)
+    try:
+        record: GateRecord = read_record("gate", compute_remotely(service, "/v1/gates", request, progress.report))
+        names = [entry["file"] for entry in request["designs"]]
+        if [design.file for design in record.designs] != names or record.exit_code not in range(5):
+            raise ValueError("it is about other designs")
+    except ValueError as error:
+        raise unexpected_error(service.url, "the record of this gate", error) from None
+    return complete_record(record, gate)
 
 
 def _explain(rule: str) -> str:
