@@ -35,7 +35,7 @@ SENDER, RECEIVER = "tailstack_service.processes.pool", "tailstack_service.proces
 # Function whose return is the end of a walk: P95 is known; the text is written
 ENDS = {
     "score": ("tailstack.tail.declared", "law_summary"),
-    "command": ("tailstack_service.console.answer", "write_out"),
+    "command": ("tailstack_service.console.command_line", "write_out"),
 }
 
 # --- noting -----------------------------------------------------------------------------------------------

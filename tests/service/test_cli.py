@@ -16,7 +16,7 @@ from service_scenes import EXAMPLES, coplanar_design, limited, small_design, wri
 
 from family import SOURCES, run_python
 from tailstack_service.cli.main import verbs
-from tailstack_service.console.parser import spell_commands
+from tailstack_service.console.command_line import spell_commands
 from tailstack_service.console.remote import DEFAULT_URL
 from tailstack_service.schemas import TITLES, json_schema
 
@@ -390,13 +390,13 @@ def test_numbers_are_taken_as_people_type_them(call: Any) -> None:
         assert code in (0, 1)
         assert json.loads(out)["trials"] == 20000
     for typed in ("0.05", "5%", "5e-2", "5.0 %"):
-        from tailstack_service.console.arguments import number
+        from tailstack_service.console.command_line import number
 
         assert number({"ge": 1e-4, "lt": 1})(typed) == 0.05
     code, out, _ = call("verify", DEMO, "--precision", "5%", "--json")
     assert code in (0, 1, 4)
     assert out == call("verify", DEMO, "--precision", "0.05", "--json")[1]
-    from tailstack_service.console.arguments import whole
+    from tailstack_service.console.command_line import whole
 
     seed: Any = whole(0, 2**63 - 1)
     assert seed("9223372036854775807") == 2**63 - 1

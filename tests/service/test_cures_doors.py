@@ -23,7 +23,7 @@ from tailstack.design.refusals import refuse
 from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError, read_axes
 from tailstack_service.cli.main import build_parser
-from tailstack_service.console.parser import Parser
+from tailstack_service.console.command_line import Parser
 from tailstack_service.environment import variable
 from tailstack_service.gate.policy import Policy
 from tailstack_service.gate.waivers import Waivers

@@ -49,7 +49,7 @@ def printed(folder: Path, *arguments: str) -> dict:
     """What ``tailstack study ... --json`` prints, and the figure beside it."""
     figure, out = folder / "figure.svg", list[bytes]()
     with pytest.MonkeyPatch.context() as capture:
-        capture.setattr("tailstack_service.cli.main._write", out.append)
+        capture.setattr("tailstack_service.cli.main.write_out", out.append)
         assert main(["study", *arguments, "--json", "--figure", str(figure)]) == 0
     return {"study": json.loads(out[0]), "figure": figure.read_text(encoding="utf-8")}
 

@@ -16,10 +16,8 @@ from tailstack.extras import require_extras
 from tailstack.results.digits import decimal, decimals_of, number, percent_change
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..console.answer import Answer, exit_code_of
-from ..console.arguments import add_details
+from ..console.command_line import Answer, add_details, exit_code_of, program
 from ..console.files import writable_directory
-from ..console.parser import program
 from ..console.progress import Progress
 from ..logs import log_to_stderr
 from ..operations.editors import write_document

@@ -12,7 +12,7 @@ from tailstack import __version__
 from tailstack.errors import MissingExtraError, TailstackError
 from tailstack.extras import install_command, missing_extras, name_missing_extra, require_extras
 
-from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.command_line import NOT_EVALUATED, PASS, Answer
 from ..operations.example import EXAMPLE_DESIGN
 from ..rendering.text import wrap
 

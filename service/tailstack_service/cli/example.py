@@ -14,9 +14,8 @@ from shlex import quote
 
 from tailstack.errors import Problem
 
-from ..console.answer import Answer
+from ..console.command_line import Answer, program, suggest
 from ..console.files import replace_file, writable
-from ..console.parser import program, suggest
 from ..operations.editors import write_document
 from ..problems import RequestError
 from ..shipped import example_folder, list_example_designs, list_examples, write_example

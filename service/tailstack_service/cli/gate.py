@@ -18,9 +18,8 @@ from tailstack.cures import ask_meant
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..clock import SYSTEM_CLOCK
-from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer, write_out
-from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
-from ..console.arguments import add_details, read_design
+from ..console.command_line import BAD_INPUT, NOT_EVALUATED, PASS, Answer, add_details, read_design, write_out
+from ..console.command_line import INTERRUPTED as INTERRUPTED_CODE
 from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
 from ..environment import misses_temporary_folder, no_temporary_folder

@@ -17,10 +17,8 @@ from typing import Any
 
 from tailstack.errors import Problem, TailstackError
 
-from ..console.answer import Answer
-from ..console.arguments import number, read_number, whole
+from ..console.command_line import Answer, number, program, read_number, suggest, whole
 from ..console.files import writable
-from ..console.parser import program, suggest
 from ..first_design import Wishes, design_text, show_value, start_lengths
 from ..operations.editors import write_document
 from ..problems import RequestError

@@ -13,8 +13,7 @@ from urllib.parse import quote, urlencode
 from tailstack.results.digits import percent
 from tailstack.results.json_text import write_json
 
-from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import whole
+from ..console.command_line import NOT_EVALUATED, PASS, Answer, whole
 from ..console.progress import Progress, say
 from ..jobs.document import KINDS, State
 from ..rendering.text import draw_table

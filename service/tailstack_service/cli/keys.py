@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tailstack.errors import Problem
 from tailstack.results.json_text import write_json
 
-from ..console.answer import Answer
-from ..console.arguments import add_database, read_settings, whole
-from ..console.parser import program
+from ..console.command_line import Answer, add_database, program, read_settings, whole
 from ..problems import RequestError, StoreError
 from ..rendering.text import draw_table
 

@@ -19,9 +19,20 @@ from tailstack.extras import name_missing_extra
 from tailstack.kernels.process import SINGLE_THREADED, ignore_settings_of_folder, load_late, prepare_with
 from tailstack.version import __version__
 
-from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
-from ..console.answer import write_out as _write
-from ..console.parser import INSTALLED, Parser, know_verbs, program, refuse_verb
+from ..console.command_line import (
+    BAD_INPUT,
+    INSTALLED,
+    INTERRUPTED,
+    NOT_EVALUATED,
+    PASS,
+    Answer,
+    Parser,
+    know_verbs,
+    page_of,
+    program,
+    refuse_verb,
+    write_out,
+)
 from ..operations.registry import OPERATIONS, VERB_OF
 
 FIRST = ("demo", "init", "example")
@@ -133,7 +144,6 @@ def _leave_quickly() -> None:
 
 
 def _run_verb(arguments: argparse.Namespace) -> int:
-    from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure
     from ..rendering.text import write_on
 
@@ -147,7 +157,7 @@ def _run_verb(arguments: argparse.Namespace) -> int:
     try:
         with name_missing_extra(), write_on(page_of(arguments)):
             answer = arguments.run(arguments)
-        _write(answer.body)
+        write_out(answer.body)
     except BrokenPipeError:  # the reader has left: what was computed still decides the exit code
         _drop_unwritten()
     except (TailstackError, OSError) as error:

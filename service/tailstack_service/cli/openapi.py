@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..console.answer import Answer
+from ..console.command_line import Answer
 
 HELP = "the OpenAPI document of the service"
 

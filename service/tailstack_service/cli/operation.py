@@ -6,8 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from ..console.answer import Answer
-from ..console.arguments import add_details, add_json, read_design, whole
+from ..console.command_line import Answer, add_details, add_json, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.flags import add_flags
 from ..console.progress import Progress

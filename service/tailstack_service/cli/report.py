@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.extras import require_extras
 
-from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
-from ..console.arguments import whole
+from ..console.command_line import FAIL, NOT_EVALUATED, PASS, Answer, whole
 from ..console.files import replace_file, writable_directory
 from ..console.flags import add_flags
 from ..console.progress import Progress

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tailstack.errors import Problem
 
-from ..console.answer import Answer
+from ..console.command_line import Answer
 from ..console.files import replace_file, writable
 from ..documents import DRAFTS
 from ..operations.editors import schema_file, schema_text

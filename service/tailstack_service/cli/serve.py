@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..console.answer import PASS, Answer
-from ..console.arguments import add_database, read_settings, whole
+from ..console.command_line import PASS, Answer, add_database, read_settings, whole
 
 HELP = "the HTTP service and its worker"
 

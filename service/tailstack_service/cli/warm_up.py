@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..console.answer import PASS, Answer
+from ..console.command_line import PASS, Answer
 
 HELP = "compile kernels ahead"
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from tailstack.errors import Problem
 
-from ..console.answer import Answer
+from ..console.command_line import Answer
 from ..problems import RequestError
 from ..rendering.text import wrap
 from ..shipped import find_manual

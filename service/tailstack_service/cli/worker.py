@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 
-from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import add_database, read_settings, whole
+from ..console.command_line import NOT_EVALUATED, PASS, Answer, add_database, read_settings, whole
 
 HELP = "compute jobs that services accepted"
 

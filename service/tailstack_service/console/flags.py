@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from tailstack.fields import describe_fields
 
-from .arguments import number, whole
+from .command_line import number, whole
 
 BOUNDS = {Ge: "ge", Gt: "gt", Le: "le", Lt: "lt"}
 METAVARS = {int: "N", float: "X", str: "NAME"}

@@ -14,8 +14,7 @@ from tailstack.errors import Problem, TailstackError
 
 from ..environment import TRACEBACK, FolderError, misses_temporary_folder, no_temporary_folder
 from ..rendering.text import group_alike, list_others, name_field, name_rule
-from .answer import BAD_INPUT, NOT_EVALUATED
-from .parser import program, spell_commands
+from .command_line import BAD_INPUT, NOT_EVALUATED, program, spell_commands
 
 # What to type next, by class of refusal; {file} is the design that was given.
 NEXT = {

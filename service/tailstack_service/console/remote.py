@@ -21,7 +21,7 @@ from tailstack.results.json_text import write_json
 from ..clock import SYSTEM_CLOCK, Clock
 from ..environment import KEY, URL
 from ..processes.task import ENDED
-from .answer import BAD_INPUT, NOT_EVALUATED
+from .command_line import BAD_INPUT, NOT_EVALUATED
 
 Report = Callable[[float, float], None]  # done, of how much
 

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from tailstack.fields import Name, Record, refusal
 
-from ..console.arguments import read_number
+from ..console.command_line import read_number
 from ..console.flags import NO_FLAG, Flag
 
 Mode = Literal["analytic", "verify", "auto"]

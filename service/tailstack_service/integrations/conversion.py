@@ -19,8 +19,7 @@ from pydantic import Field, create_model
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results.record import Published
 
-from ..console.answer import Answer
-from ..console.arguments import read_design, read_number
+from ..console.command_line import Answer, read_design, read_number
 from ..console.files import writable
 from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
 from ..documents import to_json

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ..console.answer import FAIL, PASS
+from ..console.command_line import FAIL, PASS
 from ..console.flags import Flag
 from .operation import LateImport, Operation, run_function
 from .options import Options

@@ -21,8 +21,7 @@ from tailstack.errors import DesignError, IllPosedError, LimitError, Problem
 from tailstack.people_tables import Rows
 from tailstack.results.batch import ScoredTable
 
-from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import read_design, whole
+from ..console.command_line import NOT_EVALUATED, PASS, Answer, read_design, whole
 from ..console.files import write_in_place
 from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress

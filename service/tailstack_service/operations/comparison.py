@@ -9,7 +9,7 @@ from pydantic import Field
 
 from tailstack.errors import DesignError, Problem
 
-from ..console.answer import EXIT_CODE
+from ..console.command_line import EXIT_CODE
 from ..problems import RefusedAt
 from ..report.records import Comparison
 from .example import EXAMPLE_DESIGN

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
-from ..console.answer import PASS, Answer
+from ..console.command_line import PASS, Answer
 from ..console.flags import list_options
 from ..processes.task import Estimated, RawRequest
 from .effort import reading_seconds

@@ -17,10 +17,8 @@ from pydantic import Field
 from tailstack.errors import NotConvergedError
 from tailstack.results import Optimisation
 
-from ..console.answer import INTERRUPTED, Answer, exit_code_of
-from ..console.arguments import add_design, read_design
+from ..console.command_line import INTERRUPTED, Answer, add_design, exit_code_of, program, read_design
 from ..console.flags import Flag, add_flags
-from ..console.parser import program
 from ..console.progress import Progress
 from ..documents import to_json
 from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition, run_function

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results.radiostereometry import Profile
 
-from ..console.answer import EXIT_CODE
+from ..console.command_line import EXIT_CODE
 from ..console.flags import Flag
 from ..report.records import Report, Reproduction
 from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition

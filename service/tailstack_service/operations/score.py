@@ -9,8 +9,7 @@ from typing import Annotated, Any, Self
 
 from tailstack.results import Score
 
-from ..console.answer import Answer, exit_code_of
-from ..console.arguments import add_design, read_design
+from ..console.command_line import Answer, add_design, exit_code_of, read_design
 from ..console.flags import NO_FLAG, Flag, add_flags
 from ..documents import to_json
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from tailstack.measures import PointError
 
-from ..console.answer import FAIL, INCONCLUSIVE, PASS
+from ..console.command_line import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
 from .operation import Call
 from .options import Options, Seed

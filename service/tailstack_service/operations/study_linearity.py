@@ -12,7 +12,7 @@ from pydantic import Field
 
 from tailstack.measures import PointError
 
-from ..console.answer import exit_code_of_points
+from ..console.command_line import exit_code_of_points
 from ..console.flags import Flag
 from .operation import Csv, Demand, LateImport
 from .options import Options, Seed

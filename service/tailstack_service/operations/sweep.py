@@ -17,7 +17,7 @@ from tailstack.errors import LimitError, Problem
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results.sweep import Sweep
 
-from ..console.answer import exit_code_of_points
+from ..console.command_line import exit_code_of_points
 from ..console.flags import Flag
 from ..environment import variable
 from ..problems import RequestError

@@ -13,8 +13,7 @@ from tailstack.results import Finding, GlobalBound, Relaxation, ViewCheck, Worth
 from tailstack.results.record import Published
 from tailstack.results.verdicts import assumed_sentence
 
-from ..console.answer import PASS, Answer
-from ..console.arguments import read_design
+from ..console.command_line import PASS, Answer, read_design
 from ..console.flags import add_flags
 from ..documents import to_json
 from ..rendering.text import group_findings, visible, wrap

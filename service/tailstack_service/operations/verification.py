@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
-from ..console.answer import exit_code_of
+from ..console.command_line import exit_code_of
 from .operation import Again, Call, Demand, LateImport, Operation, Repetition, run_function
 from .options import CheckOptions, within, within_trials
 
