@@ -32,7 +32,7 @@ from tailstack.errors import LimitError
 from tailstack_service.http import computations, compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
 from tailstack_service.jobs.store import database, jobs
-from tailstack_service.operations import effort
+from tailstack_service.operations import operation
 from tailstack_service.problems import RefusedAt, TransportError
 from tailstack_service.processes import birth, pool
 from tailstack_service.processes.pool import ComputingProcess
@@ -393,9 +393,9 @@ def test_size_and_form_say_what_is_quick() -> None:
         ((8, 2, 50), False),
         ((200, 8, 200), False),
     ):
-        assert (effort.score_seconds([effort.Size(*size)]) <= compute_pool.QUICK_SECONDS) == quick
+        assert (operation.score_seconds([operation.Size(*size)]) <= compute_pool.QUICK_SECONDS) == quick
     for form in ("application/vnd.apache.parquet", "model/step"):
-        assert effort.reading_seconds(RawRequest(form, b"x")) > compute_pool.QUICK_SECONDS
+        assert operation.reading_seconds(RawRequest(form, b"x")) > compute_pool.QUICK_SECONDS
 
 
 @pytest.mark.parametrize(
@@ -431,14 +431,14 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     monkeypatch.setattr(losses.LossSearch, "_law_without", count_laws)
     loaded = load_design(design)
     score(loaded)
-    size = effort.size_of(loaded)
+    size = operation.size_of(loaded)
     assert size.missed == {"": 0, "one": 1, "all": fiducials}[missed]
 
     def expected(**per: float) -> float:
         """With so many seconds for each of these, and none for the others."""
         for name in ("GAIN_SECONDS", "LAW_SECONDS", "MISSED_SECONDS"):
-            monkeypatch.setattr(effort, name, per.get(name, 0.0))
-        return effort.score_seconds([size])
+            monkeypatch.setattr(operation, name, per.get(name, 0.0))
+        return operation.score_seconds([size])
 
     plain = expected()
     assert expected(GAIN_SECONDS=1.0) - plain == pytest.approx(gains[0], rel=1e-9)
@@ -453,13 +453,13 @@ def test_what_is_asked_without_losses_is_expected_without_them() -> None:
     bodies = (json.dumps({"design": design, "losses": each}).encode() for each in (True, False))
     found = [computations.receive("score", RawRequest("json", body), Settings()) for body in bodies]
     assert all(isinstance(one, Estimated) for one in found)
-    size = effort.size_of(load_design(design))
+    size = operation.size_of(load_design(design))
     assert size == (200, 2, 35, 35, 200)
     assert [one.seconds for one in found] == [  # type: ignore[union-attr]
-        effort.score_seconds([size]), effort.score_seconds([size], losses=False)
+        operation.score_seconds([size]), operation.score_seconds([size], losses=False)
     ]  # fmt: skip
     assert found[0].seconds > found[1].seconds  # type: ignore[union-attr]
-    every = effort.score_seconds([size._replace(missed=0)], losses=False)
+    every = operation.score_seconds([size._replace(missed=0)], losses=False)
     assert found[1].seconds > 5 * every, "what is missed is in every score"  # type: ignore[union-attr]
 
 
@@ -512,7 +512,7 @@ def test_a_large_design_is_long_whatever_it_looks_like(disguise: str) -> None:
     name, sent = disguises()[disguise]
     found = computations.receive(name, sent, Settings())
     assert isinstance(found, Estimated)
-    assert found.seconds >= effort.score_seconds([effort.Size(200, 2, 20)])
+    assert found.seconds >= operation.score_seconds([operation.Size(200, 2, 20)])
 
 
 def test_second_order_is_long_however_it_is_written() -> None:

@@ -27,8 +27,7 @@ from pydantic import Field
 
 from tailstack.results import Provenance
 
-from .operation import Call, Operation
-from .options import Options
+from .operation import Call, Operation, Options
 
 
 class SpacingOptions(Options):

@@ -11,8 +11,7 @@ from ..console.files import writable_figure, write_figure
 from ..console.flags import add_flags
 from ..console.progress import Progress
 from ..documents import to_json
-from ..operations.operation import Call, Operation
-from ..operations.options import refuse_unknown_target
+from ..operations.operation import Call, Operation, refuse_unknown_target
 from ..operations.registry import FAMILIES, operations_of
 
 if TYPE_CHECKING:

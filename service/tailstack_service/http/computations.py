@@ -19,9 +19,8 @@ from tailstack.extras import name_missing_extra
 from ..documents import to_json
 from ..operations.batch import read_sent
 from ..operations.content import canonical
-from ..operations.effort import size_of
 from ..operations.example import EXAMPLE_DESIGN, variants
-from ..operations.operation import Call, JobRequest, Operation, Reception
+from ..operations.operation import Call, JobRequest, Operation, Reception, size_of
 from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, Request

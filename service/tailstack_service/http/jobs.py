@@ -27,7 +27,7 @@ from ..jobs.store.events import estimate_eta_seconds, read_events
 from ..jobs.store.jobs import Job
 from ..jobs.store.results import StoredResult
 from ..jobs.store.tables import STATES
-from ..operations.effort import LONG
+from ..operations.operation import LONG
 from ..operations.rendering import FORMATS, MEDIA_TYPES, render
 from ..operations.request import single
 from ..problems import RequestError, TransportError

@@ -21,8 +21,7 @@ from ..jobs.store import results
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..operations import rendering
-from ..operations.effort import reading_seconds
-from ..operations.operation import JobRequest, Operation, Pieces, Reception
+from ..operations.operation import JobRequest, Operation, Pieces, Reception, reading_seconds
 from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved

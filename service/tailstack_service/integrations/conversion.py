@@ -25,9 +25,7 @@ from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
 from ..documents import to_json
 from ..first_design import Beads, design_of_beads, design_of_shots
 from ..operations.editors import write_document
-from ..operations.effort import text_reading_seconds
-from ..operations.operation import Body, Command, ExampleBody, Operation, Reception
-from ..operations.options import Options
+from ..operations.operation import Body, Command, ExampleBody, Operation, Options, Reception, text_reading_seconds
 from ..problems import RefusedAt, RequestError
 from ..processes.task import RawRequest
 from ..rendering.text import draw_table

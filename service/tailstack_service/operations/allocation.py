@@ -8,8 +8,7 @@ from pydantic import Field
 
 from ..console.command_line import FAIL, PASS
 from ..console.flags import Flag
-from .operation import LateImport, Operation, run_function
-from .options import Options
+from .operation import LateImport, Operation, Options, run_function
 
 LOCK = Flag(
     "a half-width that stays: CONTRIBUTOR.COMPONENT, or all of a CONTRIBUTOR; may be repeated",

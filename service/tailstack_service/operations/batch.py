@@ -41,9 +41,7 @@ from ..tables import (
     read_table,
 )
 from .content import canonical
-from .effort import score_seconds, size_of
-from .operation import Body, JobRequest, LateImport, Operation, Pieces, Reception
-from .options import Options
+from .operation import Body, JobRequest, LateImport, Operation, Options, Pieces, Reception, score_seconds, size_of
 from .patches import NAMED, SHA256
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from ..console.command_line import EXIT_CODE
 from ..problems import RefusedAt
 from ..report.records import Comparison
 from .example import EXAMPLE_DESIGN
-from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
-from .options import CheckOptions, within_trials
+from .operation import Again, Call, CheckOptions, Demand, HeldDesign, LateImport, Operation, Repetition, within_trials
 from .report import demand_of, parts_of
 
 if TYPE_CHECKING:

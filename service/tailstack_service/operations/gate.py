@@ -10,10 +10,18 @@ from ..documents import to_json
 from ..gate.asked import GateRequest
 from ..processes.task import Estimated, RawRequest
 from .content import canonical
-from .effort import score_seconds, size_of, text_reading_seconds
 from .example import EXAMPLE_DESIGN
-from .operation import Body, JobRequest, LateImport, Operation, Reception
-from .options import Options
+from .operation import (
+    Body,
+    JobRequest,
+    LateImport,
+    Operation,
+    Options,
+    Reception,
+    score_seconds,
+    size_of,
+    text_reading_seconds,
+)
 
 if TYPE_CHECKING:
     from ..gate.judge import Gate

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from tailstack.errors import IllPosedError
 
-from .operation import LateImport, Operation
-from .options import Options
+from .operation import LateImport, Operation, Options
 
 if TYPE_CHECKING:
     from tailstack.design import Design

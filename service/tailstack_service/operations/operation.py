@@ -1,20 +1,29 @@
-"""What an operation is.  From one record follow the verb, the route, the schema, the job, the report and its audit."""
+"""What an operation is: its options, how long it takes, and one record.
+
+From that follow the verb, the route, the schema, the job, the report and its audit.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from tailstack.cures import ask_label
+from tailstack.errors import LimitError, Problem
+from tailstack.fields import Record
+from tailstack.montecarlo import FINEST_PRECISION, MAX_TRIALS
 
 from ..console.command_line import PASS, Answer
-from ..console.flags import list_options
+from ..console.flags import Flag, list_options, read_flags
+from ..environment import variable
+from ..problems import RequestError
 from ..processes.task import Estimated, RawRequest
-from .effort import reading_seconds
-from .options import Options
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -22,6 +31,212 @@ if TYPE_CHECKING:
     from ..rendering.blocks import Document
     from ..settings import Settings
     from .request import Request
+
+# --- options beside a design: known fields only, nothing converted, each with its meaning and bounds --
+
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Count = Annotated[int, Field(ge=1)]
+MostTrials = Annotated[
+    int,
+    Field(
+        ge=100,
+        description="Without trials: stop after so many, whatever the precision by then. It sets when the precision is "
+        "looked at, so the intervals.",
+    ),
+]
+
+
+class Options(Record):
+    """The options of an operation; this one has none."""
+
+    exclusive: ClassVar[tuple[str, ...]] = ()  # of these, one at most
+    flags: ClassVar[Mapping[str, Flag]] = {}  # of options that are inherited, in place of what stands beside them
+
+    @classmethod
+    def of_flags(cls, arguments: argparse.Namespace) -> Self:
+        """As they were typed.  Raises RequestError, which calls an option by its flag."""
+        from .request import read_options
+
+        spelling = {option.name: option.spelling for option in list_options(cls)}
+        try:
+            return read_options(cls, read_flags(cls, arguments), ())
+        except RequestError as error:
+            flagged = [(problem, spelling.get(problem.pointer.split("/", 2)[1])) for problem in error.problems]
+            raise RequestError(
+                [replace(p, pointer="", detail=f"{flag}: {p.detail}") if flag else p for p, flag in flagged]
+            ) from None
+
+    @classmethod
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        """Those that a record was computed with: its fields of the same names, but for ``others``.
+
+        None: it does not state all of them.  Raises RequestError for what no option can be.
+        """
+        from .request import read_options
+
+        names = cls.model_fields.keys() - others.keys()
+        if not all(hasattr(record, name) for name in names):
+            return None
+        stated = {name: getattr(record, name) for name in names} | others
+        return read_options(cls, {k: list(v) if isinstance(v, tuple) else v for k, v in stated.items()}, ())
+
+    def keep(self, *designs: Design) -> dict[str, Any]:
+        """As a job keeps them."""
+        return dict(self.model_dump())
+
+    def seconds(self, sizes: Iterable[Size]) -> float:
+        """Expected for designs of these sizes, until they are answered or a job: a score takes more than a check."""
+        return score_seconds(sizes, losses=False)
+
+
+class CheckOptions(Options):
+    """How much a Monte Carlo check samples."""
+
+    exclusive = ("trials", "precision")
+
+    trials: Count | None = None
+    """Number of trials. Either this or precision; neither: the solver's own precision."""
+    precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = None
+    """Half-width of the confidence interval of P95, relative, at which sampling stops."""
+    max_trials: MostTrials = MAX_TRIALS
+    seed: Seed = 0
+    """Seed; one seed is one answer, whatever workers and threads."""
+
+    @model_validator(mode="after")
+    def _one_size(self) -> CheckOptions:
+        if self.trials is not None and self.precision is not None:
+            raise PydanticCustomError("one-of", "give trials or precision; both arrived", {"at": "/precision"})
+        return self
+
+
+# --- what an operator allows --------------------------------------------------------------------------
+
+TRIAL_BYTES = 0.85  # some, that a job records of a trial at a target: the largest norms of its parts
+READ_BYTES = 2.5  # of memory for each where they are put together: as they come, unpacked, joined (0.5, measured)
+WARM_BYTES = 350e6  # of memory that a warm process has, as its limit counts
+
+
+def within_trials(trials: int | None, max_trials: int, settings: Settings, designs: Sequence[Design]) -> None:
+    """Refuse a check that may draw more than the operator allows, or than its parts can be put together of.
+
+    The limit never ends a check: where the precision is looked at is part of the answer, and an operator's number would
+    move it.  Raises LimitError.
+    """
+    within(trials, "max_trials", settings, "/trials")
+    if trials is None and max_trials > settings.max_trials:
+        most = settings.max_trials
+        detail = f"at most {most} trials are drawn for a check; up to {max_trials} may be drawn for this one"
+        hint = f"send max_trials: {most}, or trials; or start the service with a higher {variable('max_trials')}"
+        raise LimitError(Problem("/max_trials", "too-many", detail, hint))
+    drawn, at = (max_trials, "/max_trials") if trials is None else (trials, "/trials")
+    targets = max(size_of(design).targets for design in designs)
+    norm_bytes = TRIAL_BYTES * drawn * targets
+    if settings.max_process_bytes and READ_BYTES * norm_bytes > settings.max_process_bytes - WARM_BYTES:
+        most = int((settings.max_process_bytes - WARM_BYTES) / (READ_BYTES * TRIAL_BYTES * targets))
+        at_each = "a target" if targets == 1 else f"{targets} targets"
+        detail = f"{norm_bytes / 1e9:.1f} GB of norms would be kept of {drawn} trials at {at_each}; "
+        detail += f"a computing process here can put together those of {max(most, 0)}"
+        hint = (
+            f"ask for fewer, run tailstack verify, or start the service with a higher {variable('max_process_bytes')}"
+        )
+        raise LimitError(Problem(at, "too-many", detail, hint))
+
+
+def refuse_unknown_target(name: str | None, names: Sequence[str], pointer: str = "") -> None:
+    """Raises RequestError for a target that the design does not have; None: no target was named."""
+    if name is not None and name not in names:
+        detail = f"no target is called {name!r}; there are {', '.join(names[:20])}"
+        raise RequestError(Problem(pointer, "unknown-target", detail, ask_label(name, names)))
+
+
+def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:
+    """Refuse a count above its limit.  Raises LimitError that states the limit, what arrived and the setting."""
+    limit = getattr(settings, setting)
+    if value is not None and value > limit:
+        detail = f"at most {limit} {pointer.strip('/').rpartition('/')[2]} are accepted; got {value}"
+        hint = f"ask for fewer, or start the service with a higher {variable(setting)}"
+        raise LimitError(Problem(pointer, "too-many", detail, hint))
+
+
+# --- how long a computation takes ---------------------------------------------------------------------
+
+# Reading is known from the bytes that came, the rest from what was read.  Nothing that a caller writes makes it
+# shorter: a body is as long as it is, and sizes are those of the designs as they were read, by the process that read
+# them.  The figures were measured on one core of a virtual machine (AMD EPYC, AVX-512).  They need not be right, only
+# tell what takes milliseconds from what takes seconds.
+LONG = 60.0  # seconds, of what nobody can say before it is done
+# s for reading and checking a byte.  Honest JSON takes 0.3e-6, YAML 1.2e-6; what is wrong everywhere, ten times that
+BYTE_SECONDS = {"json": 0.5e-6, "yaml": 1.5e-6, "text/csv": 5e-6, "text/plain": 5e-6, "application/x-ndjson": 5e-6}
+TEXT_BYTE_SECONDS = 5e-6  # of JSON that holds documents as texts, which are read as YAML
+
+
+class Size(NamedTuple):
+    """What a design holds."""
+
+    fiducials: int
+    views: int
+    targets: int  # with regions expanded
+    judged: int = 0  # targets of all requirements together: of each the losses of fiducials are looked for; 0: of none
+    missed: int = 0  # fiducials that are missed with a probability: the law of every loss of them is put together, too
+
+    def losses(self, among: int) -> int:
+        """Ways to lose none, one or two of so many of the fiducials, as far as they are looked at."""
+        from tailstack.losses import PAIRS_UP_TO
+
+        return 1 + among + (among * (among - 1) // 2 if self.fiducials <= PAIRS_UP_TO else 0)
+
+
+def reading_seconds(sent: RawRequest) -> float:
+    """For reading and checking what was sent.  Of what is packed nobody knows before it is unpacked."""
+    rate = BYTE_SECONDS.get(sent.form)
+    return LONG if rate is None else rate * len(sent.body)
+
+
+def text_reading_seconds(sent: RawRequest) -> float:
+    """The same for bodies that hold documents as texts."""
+    return max(reading_seconds(sent), TEXT_BYTE_SECONDS * len(sent.body))
+
+
+def size_of(design: Design) -> Size:
+    """What a design holds."""
+    from tailstack.design.compile import loss_probabilities
+    from tailstack.design.consistency import expand_target
+
+    document = design.document
+    samples = {target.name: len(expand_target(target)) for target in document.targets}
+    targets = sum(samples.values())
+    judged = sum(
+        targets if item.targets == "all" else sum(samples.get(name, 1) for name in item.targets)
+        for item in document.requirements
+    )
+    count = len(design.fiducials.labels)
+    missed = sum(map(bool, loss_probabilities(document.fiducials, count)))
+    return Size(count, len(document.views), targets, judged or targets, missed)
+
+
+GAIN_SECONDS = 1e-7  # of one fiducial in one view, with one loss, at one target
+LAW_SECONDS = 7e-4  # of one exact law with a loss
+MISSED_SECONDS = 4e-3  # of one loss at one target: its own validity, and its law in the mixtures of both errors
+ASKED = 3  # such laws for each requirement and target, until the worst loss is known: one to ten
+
+
+def score_seconds(sizes: Iterable[Size], *, second_order: bool = False, losses: bool = True) -> float:
+    """Of one core, for scores of designs of these sizes."""
+    seconds = 0.0
+    for size in sizes:
+        fiducials, views, targets, judged, missed = size
+        seconds += 0.004 + 0.0005 * fiducials + 0.0035 * targets * (1 + fiducials * views / 200)
+        if losses and judged:
+            seconds += GAIN_SECONDS * targets * size.losses(fiducials) * views * fiducials
+            seconds += LAW_SECONDS * judged * ASKED
+        if missed:
+            seconds += MISSED_SECONDS * targets * size.losses(missed)
+        if second_order:
+            seconds += 2e-5 * (targets * fiducials * views) ** 2
+    return seconds
+
+
+# --- a call -------------------------------------------------------------------------------------------
 
 Progress = Callable[[float, float], None]  # done, of how much
 

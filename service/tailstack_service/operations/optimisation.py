@@ -21,8 +21,22 @@ from ..console.command_line import INTERRUPTED, Answer, add_design, exit_code_of
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..documents import to_json
-from .operation import Again, Call, Command, Csv, Demand, HeldDesign, LateImport, Operation, Repetition, run_function
-from .options import Count, Options, Seed, within
+from .operation import (
+    Again,
+    Call,
+    Command,
+    Count,
+    Csv,
+    Demand,
+    HeldDesign,
+    LateImport,
+    Operation,
+    Options,
+    Repetition,
+    Seed,
+    run_function,
+    within,
+)
 
 if TYPE_CHECKING:
     from tailstack.design import Design

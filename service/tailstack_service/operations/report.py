@@ -14,9 +14,8 @@ from tailstack.results.radiostereometry import Profile
 from ..console.command_line import EXIT_CODE
 from ..console.flags import Flag
 from ..report.records import Report, Reproduction
-from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
+from .operation import Again, Call, CheckOptions, Demand, HeldDesign, LateImport, Operation, Repetition, within_trials
 from .optimisation import check_freedom
-from .options import CheckOptions, within_trials
 
 if TYPE_CHECKING:
     from ..report.assembling import ReportContents as Parts

@@ -13,9 +13,7 @@ from ..console.command_line import Answer, add_design, exit_code_of, read_design
 from ..console.flags import NO_FLAG, Flag, add_flags
 from ..documents import to_json
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
-from .effort import Size, score_seconds
-from .operation import Call, Command, LateImport, Operation
-from .options import Options, refuse_unknown_target
+from .operation import Call, Command, LateImport, Operation, Options, Size, refuse_unknown_target, score_seconds
 
 SEARCH_SECONDS = 5.0
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from .operation import Csv, LateImport, Operation, run_function
-from .options import Options
+from .operation import Csv, LateImport, Operation, Options, run_function
 
 
 class SheetOptions(Options):

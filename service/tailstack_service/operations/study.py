@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .operation import Call, FigureFile, LateImport, Operation, run_function
-from .options import refuse_unknown_target, within
+from .operation import Call, FigureFile, LateImport, Operation, refuse_unknown_target, run_function, within
 
 if TYPE_CHECKING:
     from ..settings import Settings

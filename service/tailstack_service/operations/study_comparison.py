@@ -19,8 +19,7 @@ from tailstack.measures import PointError
 
 from ..console.command_line import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
-from .operation import Call
-from .options import Options, Seed
+from .operation import Call, Options, Seed
 from .study import refuse_undetermined, study_operation
 
 if TYPE_CHECKING:

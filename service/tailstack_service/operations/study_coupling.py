@@ -14,8 +14,7 @@ from pydantic import Field
 from tailstack.measures import PointError
 
 from ..console.flags import Flag
-from .operation import Call, Demand
-from .options import Options, Seed
+from .operation import Call, Demand, Options, Seed
 from .study import study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case

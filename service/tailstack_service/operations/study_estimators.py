@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field
 
-from .operation import Demand
-from .options import Options, Seed
+from .operation import Demand, Options, Seed
 from .study import study_operation
 
 if TYPE_CHECKING:

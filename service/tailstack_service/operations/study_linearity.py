@@ -14,8 +14,7 @@ from tailstack.measures import PointError
 
 from ..console.command_line import exit_code_of_points
 from ..console.flags import Flag
-from .operation import Csv, Demand, LateImport
-from .options import Options, Seed
+from .operation import Csv, Demand, LateImport, Options, Seed
 from .study import study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**22  # of each point

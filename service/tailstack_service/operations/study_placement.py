@@ -12,8 +12,7 @@ from pydantic import Field
 
 from tailstack.measures import PointError
 
-from .operation import Csv, Demand, LateImport
-from .options import Options, Seed
+from .operation import Csv, Demand, LateImport, Options, Seed
 from .study import study_operation
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from tailstack.measures import PointError
 
-from .options import Options
+from .operation import Options
 from .study import refuse_undetermined, study_operation
 
 if TYPE_CHECKING:

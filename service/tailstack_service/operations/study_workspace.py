@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from .example import EXAMPLE_DESIGN
-from .options import Options, Seed
+from .operation import Options, Seed
 from .study import refuse_undetermined, study_operation
 
 if TYPE_CHECKING:

@@ -21,8 +21,20 @@ from ..console.command_line import exit_code_of_points
 from ..console.flags import Flag
 from ..environment import variable
 from ..problems import RequestError
-from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation, run_function
-from .options import Count, MostTrials, Options, Seed, within_trials
+from .operation import (
+    Call,
+    Count,
+    Csv,
+    Demand,
+    FigureFile,
+    LateImport,
+    MostTrials,
+    Operation,
+    Options,
+    Seed,
+    run_function,
+    within_trials,
+)
 
 if TYPE_CHECKING:
     from tailstack.design import Design

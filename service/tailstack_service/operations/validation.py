@@ -17,9 +17,7 @@ from ..console.command_line import PASS, Answer, read_design
 from ..console.flags import add_flags
 from ..documents import to_json
 from ..rendering.text import group_findings, visible, wrap
-from .effort import Size
-from .operation import Command, Operation
-from .options import Options
+from .operation import Command, Operation, Options, Size
 
 if TYPE_CHECKING:
     from tailstack.design import Design

@@ -9,8 +9,18 @@ from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
 from ..console.command_line import exit_code_of
-from .operation import Again, Call, Demand, LateImport, Operation, Repetition, run_function
-from .options import CheckOptions, within, within_trials
+from .operation import (
+    Again,
+    Call,
+    CheckOptions,
+    Demand,
+    LateImport,
+    Operation,
+    Repetition,
+    run_function,
+    within,
+    within_trials,
+)
 
 if TYPE_CHECKING:
     from ..settings import Settings
