@@ -23,7 +23,7 @@ from tailstack_service.http import kept_designs
 from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
 from tailstack_service.jobs.store import results, tables, upkeep
 from tailstack_service.jobs.store.database import Database, writing
-from tailstack_service.operations.patches import merge
+from tailstack_service.operations.request import merge
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock

@@ -22,12 +22,11 @@ from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..operations import rendering
 from ..operations.operation import JobRequest, Operation, Pieces, Reception, reading_seconds
-from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved
 from ..problems import StoreUnavailable, TransportError
 from ..processes.birth import running_code
-from ..processes.task import RawRequest, UnitResult
+from ..processes.task import NAMED, RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
 from . import computations
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds

@@ -27,7 +27,7 @@ from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
 from ..environment import variable
 from ..problems import RequestError
-from ..processes.task import Estimated, Query, RawRequest
+from ..processes.task import NAMED, Estimated, Query, RawRequest
 from ..tables import (
     MEDIA_TYPES,
     WRITERS,
@@ -42,7 +42,6 @@ from ..tables import (
 )
 from .content import canonical
 from .operation import Body, JobRequest, LateImport, Operation, Options, Pieces, Reception, score_seconds, size_of
-from .patches import NAMED, SHA256
 
 if TYPE_CHECKING:
     from tailstack.batch import Batch
@@ -407,7 +406,7 @@ def _table_of(columns: Mapping[str, Sequence[float]]) -> TableReader:
 
 def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | None]:
     """The design's hash, the columns that are set, and those that are wanted.  Raises RequestError."""
-    from .request import refuse_query, single
+    from .request import SHA256, refuse_query, single
 
     refuse_query(query, tuple(QUERY))
     name = single(query, NAMED)

@@ -36,9 +36,8 @@ from tailstack.results.json_text import write_json
 from ..console.flags import TypedOption, list_options
 from ..environment import variable
 from ..problems import MalformedError, RefusedAt, RequestError
-from ..processes.task import Query, RawRequest
+from ..processes.task import NAMED, Query, RawRequest
 from .content import canonical
-from .patches import NAMED, PATCH, merge, refuse_partial
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -104,13 +103,52 @@ def read_request(
     body = parse_json(sent.body, settings, yaml=yaml)
     in_parts = tuple(fields) == ("design",) and bool({NAMED, PATCH} & body.keys())
     if in_parts:
-        refuse_partial(body)
+        _refuse_partial(body)
     options = read_options(kind, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if in_parts:
         body["design"] = _apply_patch(body, sent)
     designs = tuple(design_of(body, settings, field) for field in fields)
     data = {field: body[field] for field in fields}
     return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, in_parts)
+
+
+# --- partial documents: a design named by its hash or sent whole, and what differs from it (RFC 7396) -------
+
+PATCH = "patch"  # field of a request, beside ``design`` or NAMED
+SHA256 = re.compile("[0-9a-f]{64}")
+
+
+def merge(target: Any, patch: Any) -> Any:
+    """JSON merge patch (RFC 7396): null removes, objects are merged, anything else takes the place of what was there.
+
+    Lists are replaced whole.  ``target`` is left as it is.
+    """
+    if not isinstance(patch, dict):
+        return patch
+    merged = dict(target) if isinstance(target, dict) else {}
+    for key, value in patch.items():
+        if value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = merge(merged.get(key), value)
+    return merged
+
+
+def _refuse_partial(data: dict[str, Any]) -> None:
+    """Refuse what a body has instead of the design, or beside it, where it means none.  Raises RequestError."""
+    name, patch = data.get(NAMED), data.get(PATCH, {})
+    if NAMED in data and "design" in data:
+        detail = f"give design or {NAMED}; both arrived"
+        raise RequestError(Problem(f"/{NAMED}", "one-of", detail, "the patch is applied to the one that is given"))
+    if NAMED in data and not (isinstance(name, str) and SHA256.fullmatch(name)):
+        detail = f"a SHA-256 has 64 hexadecimal digits, in small letters; got {show(name)}"
+        raise RequestError(Problem(f"/{NAMED}", "bad-text", detail, f"{NAMED} of an answer is one"))
+    if not isinstance(patch, dict):
+        detail = f"a patch of a design is an object (JSON merge patch, RFC 7396); got {show(patch)}"
+        raise RequestError(Problem(f"/{PATCH}", "wrong-type", detail, 'for example {"name": "another"}'))
+    if NAMED not in data and "design" not in data:
+        detail = f"there is no design for the patch: give design or {NAMED}"
+        raise RequestError(Problem("", "missing-field", detail, f"{NAMED} names a design that was sent before"))
 
 
 def _apply_patch(body: dict[str, Any], sent: RawRequest) -> Any:

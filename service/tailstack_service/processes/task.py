@@ -14,6 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from asyncio import StreamReader
 
+NAMED = "design_sha256"  # field of a request, instead of ``design``: a design that was sent before, by its hash
 Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
 ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
 
