@@ -24,7 +24,7 @@ from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
 from tailstack_service.cli.words import FIRST, read_glossary
 from tailstack_service.operations.rendering import document_of
-from tailstack_service.rendering.blocks import Bullets, Document, Figure, Paragraph
+from tailstack_service.rendering.document import Bullets, Document, Figure, Paragraph
 from waiting import LIMIT_SECONDS
 
 # What must not be met without --details, and where it went.

@@ -27,7 +27,7 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.operations.units.parts import compute_whole
-from tailstack_service.rendering.blocks import Paragraph
+from tailstack_service.rendering.document import Paragraph
 from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLE = load_design(EXAMPLE_DESIGN)

@@ -28,7 +28,7 @@ from ..processes.task import Estimated, RawRequest
 if TYPE_CHECKING:
     from tailstack.design import Design
 
-    from ..rendering.blocks import Document
+    from ..rendering.document import Document
     from ..settings import Settings
     from .request import Request
 

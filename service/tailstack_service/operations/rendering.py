@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 from ..documents import from_json
-from ..rendering.blocks import Document
+from ..rendering.document import Document
 from .operation import Operation
 from .registry import OPERATIONS
 

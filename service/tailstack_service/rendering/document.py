@@ -1,15 +1,223 @@
-"""A document as a terminal shows it: what was asked, what decides, the sections in their order, the verdict."""
+"""A document: what a report is made of, without saying how it looks, and how a terminal shows it.
+
+HTML, PDF and spreadsheet have their own writers (``report``).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
 
 from tailstack.results import Finding, Provenance
-from tailstack.results.tables import On, Table
-from tailstack.results.verdicts import STATED, assumed_sentence
+from tailstack.results.tables import EVERYWHERE, TERMINAL, On, Table
+from tailstack.results.verdicts import STATED, assumed_sentence, rest_of
 
-from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph, list_shown
 from .text import columns, current, fold, group_findings, paint, prose_width, wrap, write_table
+
+Tone = Literal["pass", "fail", "inconclusive", "neutral"]
+
+
+class ChangeableNumber(float):
+    """A number that whoever opens a spreadsheet may change there."""
+
+
+class Formula(float):
+    """A number that a spreadsheet computes, and what it comes to; ``{row}`` in its text is that of its cell."""
+
+    text: str
+
+    def __new__(cls, value: float, text: str) -> Formula:
+        made = super().__new__(cls, value)
+        made.text = text
+        return made
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture, SVG with its own title and description; it may be drawn when it is first looked at."""
+
+    name: str  # kebab-case, unique in the report
+    drawn: str | Callable[[], str]
+    caption: str  # stands above; what it is of comes before its first colon
+    drawn_narrow: str | Callable[[], str] = ""  # for a narrow screen; empty: there the picture is moved sideways
+    scene: str = ""  # JSON: on a screen the picture is replaced by a viewer of the same scene, which can be turned
+
+    @cached_property
+    def svg(self) -> str:
+        """The picture."""
+        return self.drawn if isinstance(self.drawn, str) else self.drawn()
+
+    @cached_property
+    def narrow(self) -> str:
+        """The picture of a narrow screen, if it has one."""
+        return self.drawn_narrow if isinstance(self.drawn_narrow, str) else self.drawn_narrow()
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    text: str
+    strong: str = ""  # words that it begins with, before the text
+
+
+@dataclass(frozen=True, slots=True)
+class Bullets:
+    items: tuple[str, ...]
+    numbered: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Pairs of a word and what it is."""
+
+    name: str
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Text that is kept as it stands: commands, a design document."""
+
+    text: str
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockGroup:
+    """Blocks that belong together: shown at some places only, and in a terminal without blank lines between them."""
+
+    made: tuple[Block, ...] | Callable[[], tuple[Block, ...]]  # a function is called where they are shown
+    on: On
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What belongs together."""
+        return self.made() if callable(self.made) else self.made
+
+
+Block = Table | Figure | Paragraph | Bullets | Facts | Listing | BlockGroup
+
+
+def group(*blocks: Block, on: On = EVERYWHERE) -> BlockGroup:
+    """These blocks together."""
+    return BlockGroup(blocks, on)
+
+
+def say(word: str, *sentences: str, on: On = TERMINAL) -> BlockGroup:
+    """Sentences that each begin with what they are about; an empty one is none."""
+    return BlockGroup((Facts(word, tuple((word, sentence) for sentence in sentences if sentence)),), on)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A chapter.  On paper it begins where the one before it ends."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    on: On = EVERYWHERE
+    reader: Literal["designer", "auditor"] = "designer"  # whom it is for: the contents say so
+
+
+@dataclass(frozen=True, slots=True)
+class KeyNumber:
+    """One of the large numbers of the first page."""
+
+    label: str
+    value: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A whole report."""
+
+    kind: str  # "Tolerance-budget report", "Gate", ...
+    title: str
+    tone: Tone
+    status: str  # one or two words for the badge
+    sentence: str
+    numbers: tuple[KeyNumber, ...]
+    sections: tuple[Section, ...]
+    provenance: Facts
+    matters: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = field(default=())  # on the first page
+    requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
+    # What a terminal has beside the sections: the question below the design's name, by which method, what decides,
+    # findings, and a last line, its verdict in the colour of the tone
+    made: Provenance | None = None
+    question: str = ""
+    method: str = ""
+    opening: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    ending: str = ""
+    captions: bool = False  # whether a terminal has those of the tables, and their notes
+
+    @property
+    def rests(self) -> str:
+        """On how many assumed values the verdict rests, beside it."""
+        return "" if self.made is None else rest_of(self.made.assumed)
+
+    @property
+    def title_block(self) -> tuple[tuple[str, str], ...]:
+        """Under which number the design is kept, and who answers for it; what it does not say is empty."""
+        if self.made is None:
+            return ()
+        block = self.made.document
+        return tuple(
+            (word, ("" if block is None else getattr(block, field)) or "")
+            for field, word in (
+                ("number", "Document"), ("revision", "Revision"), ("date", "Date"), ("author", "Author"),
+                ("checker", "Checked"), ("approver", "Approved"),
+            )
+        )  # fmt: skip
+
+    @property
+    def approvals(self) -> tuple[tuple[str, str], ...]:
+        """Who signs, and as what; the name is empty where the design does not say it."""
+        named = dict(self.title_block)
+        return tuple((word, named[word]) for word in ("Author", "Checked", "Approved") if word in named)
+
+    def summaries(self) -> Iterator[Document]:
+        """Its first page by itself, each time with less on it: pictures, then what matters, then rows go."""
+        made = replace(self.provenance, pairs=self.provenance.pairs[:8])  # which design, record and version
+        page = replace(self, sections=(), kind=f"{self.kind}, summary", provenance=made)
+        yield page
+        yield replace(page, figures=())
+        for most in (60, 40, 25, 15, 8, 4, 1):
+            rows = None if self.requirements is None else replace(self.requirements, most=most)
+            yield replace(page, figures=(), matters=(), requirements=rows)
+
+    def of(self, place: On) -> Document:
+        """What of it is shown at a place: no table without rows, and groups in a terminal only."""
+        sections = (
+            replace(section, blocks=tuple(list_shown(section.blocks, place)))
+            for section in self.sections
+            if section.on & place
+        )
+        return replace(self, sections=tuple(section for section in sections if section.blocks))
+
+
+def list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
+    """Those of blocks that are shown at a place."""
+    for block in blocks:
+        if isinstance(block, BlockGroup):
+            shown = tuple(list_shown(block.blocks, place)) if block.on & place else ()
+            yield from (replace(block, made=shown),) if place & TERMINAL else shown
+        elif not isinstance(block, Table) or block.on(place).rows:
+            yield block
+
+
+def tone_of(status: str) -> Tone:
+    """The tone of a verdict."""
+    if status == "pass" or status == "verified":
+        return "pass"
+    if status in ("fail", "not evaluated"):
+        return "fail"
+    return "inconclusive" if status == "inconclusive" else "neutral"
+
+
+# --- in a terminal: what was asked, what decides, the sections in their order, the verdict --------------
 
 TONE = {"neutral": "no requirement"}  # the role of its colour, where it is called otherwise
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."

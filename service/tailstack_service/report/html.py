@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tailstack import __version__
 from tailstack.results.tables import Cell, Column, On, write_cell
 
-from ..rendering.blocks import Block, Document, Figure
+from ..rendering.document import Block, Document, Figure
 
 LONGEST_WORD = 16  # letters, which the columns of names make room for
 

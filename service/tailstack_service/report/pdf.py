@@ -15,7 +15,7 @@ from tailstack.extras import install_command
 
 from ..environment import temporary_directory
 from ..problems import PdfUnavailable
-from ..rendering.blocks import Document
+from ..rendering.document import Document
 from .html import html_report
 
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"

@@ -19,7 +19,7 @@ import xlsxwriter
 
 from tailstack.results.tables import Cell, Column, On, Table
 
-from ..rendering.blocks import Bullets, ChangeableNumber, Document, Facts, Formula, KeyNumber, Listing
+from ..rendering.document import Bullets, ChangeableNumber, Document, Facts, Formula, KeyNumber, Listing
 
 # A workbook says when it was made; a report must not, or the same result would give other bytes tomorrow.
 EPOCH = datetime(2000, 1, 1)

@@ -6,7 +6,7 @@ from tailstack.optimisation.half_widths import Allocation
 from tailstack.results.digits import at_least, at_most, percent
 from tailstack.results.optimisation import changes_table
 
-from ...rendering.blocks import Bullets, Document, KeyNumber, Listing, Paragraph, Section
+from ...rendering.document import Bullets, Document, KeyNumber, Listing, Paragraph, Section
 from .document import compose_document
 
 

@@ -20,7 +20,18 @@ from tailstack.results.verdicts import (
     name_basis,
 )
 
-from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
+from ...rendering.document import (
+    Block,
+    Bullets,
+    Document,
+    Facts,
+    Figure,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Section,
+    tone_of,
+)
 from ..charts import draw_budgets, draw_dots, draw_errors
 from ..records import Comparison, Difference, Report, comparison_decimals, decided_difference, difference_decimals
 from .document import closing_sections

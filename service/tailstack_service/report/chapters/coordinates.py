@@ -10,7 +10,7 @@ from tailstack.results import Provenance
 from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
-from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
+from ...rendering.document import Document, KeyNumber, Listing, Paragraph, Section
 from .document import compose_document
 
 Point = tuple[float, float, float]

@@ -10,7 +10,7 @@ from tailstack.results import Provenance, Verdict
 from tailstack.results.tables import IN_DETAIL, PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
-from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section
+from ...rendering.document import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section
 
 if TYPE_CHECKING:
     from ...gate.records import GateProvenance

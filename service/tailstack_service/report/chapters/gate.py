@@ -15,7 +15,7 @@ from ...gate.records import (
     split_findings,
     unjudged_table,
 )
-from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
+from ...rendering.document import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 from ...rendering.text import spell_count
 from .document import closing_sections
 

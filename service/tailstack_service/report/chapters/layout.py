@@ -9,7 +9,7 @@ from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
 from tailstack.tolerances import say_law
 
-from ...rendering.blocks import Block, Figure
+from ...rendering.document import Block, Figure
 from ..images import draw_images
 from ..scene import scene_json, scene_of
 from ..scene_picture import draw_scene

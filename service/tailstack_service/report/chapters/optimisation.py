@@ -27,7 +27,7 @@ from tailstack.results.tables import IN_DETAIL, PAPER, Column, On, Table, tabula
 from tailstack.results.verdicts import decided_by, requirements_table
 from tailstack.results.verification import estimates_table
 
-from ...rendering.blocks import (
+from ...rendering.document import (
     Block,
     BlockGroup,
     Bullets,

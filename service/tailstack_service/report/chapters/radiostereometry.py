@@ -8,7 +8,7 @@ from typing import Any
 from tailstack.results.radiostereometry import DoubleExaminations, MarkerModel, Radiostereometry
 from tailstack.results.tables import IN_DETAIL, PAPER, Cell, Column, Table, tabulate
 
-from ...rendering.blocks import Block, Paragraph, group
+from ...rendering.document import Block, Paragraph, group
 
 USUAL = (
     "Usual upper limits: condition number 150 /m, mean error of fitting 0.35 mm (Valstar et al., Acta Orthopaedica 76 "

@@ -50,7 +50,7 @@ from tailstack.results.verdicts import (
     what_is_limited,
 )
 
-from ...rendering.blocks import (
+from ...rendering.document import (
     Block,
     BlockGroup,
     Bullets,

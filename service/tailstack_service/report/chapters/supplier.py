@@ -18,7 +18,7 @@ from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.tolerances import say_law
 
-from ...rendering.blocks import Document, Facts, Figure, KeyNumber, Paragraph, Section
+from ...rendering.document import Document, Facts, Figure, KeyNumber, Paragraph, Section
 from ...rendering.text import csv_text, plain_text
 from ..svg import WIDTH, Kind, MarkedPoint, label_places, line, picture, shape, text, trim
 

@@ -10,7 +10,7 @@ from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
 from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
-from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
+from ...rendering.document import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ...rendering.text import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
 from .document import compose_document

@@ -9,7 +9,7 @@ from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table
 from tailstack.results.verification import estimates_table
 
-from ...rendering.blocks import (
+from ...rendering.document import (
     Block,
     Bullets,
     Document,

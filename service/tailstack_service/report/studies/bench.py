@@ -16,7 +16,7 @@ from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison
 from tailstack.studies.bench.levels import LevelCompared
 
-from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
+from ...rendering.document import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
 from ...rendering.text import visible
 from ..chapters.document import compose_study

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from tailstack.results.tables import Column, On, Table, tabulate
 
-from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section
+from ...rendering.document import Bullets, Document, KeyNumber, Paragraph, Section
 from ..chapters.document import compose_study
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from tailstack.results.look import MUTED, VERMILION
 from tailstack.results.tables import LONG_TABLE, PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
-from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
+from ...rendering.document import Document, KeyNumber, Paragraph, Section
 from ...rendering.text import shorten
 from ..chapters.document import compose_study
 from ..charts import shade
