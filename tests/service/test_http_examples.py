@@ -16,7 +16,7 @@ from tailstack import load_design
 from tailstack.errors import IllPosedError
 from tailstack.scoring import score
 from tailstack_service.documents import to_json
-from tailstack_service.operations.layout import lay_out
+from tailstack_service.report.chapters.coordinates import lay_out
 from tailstack_service.report.scene import scene_data, scene_of
 
 

@@ -25,9 +25,9 @@ from tailstack.propagation.linear import LinearModel
 from tailstack.results import WorthyPlace
 from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep
-from tailstack_service.operations.layout import lay_out
 from tailstack_service.report import images
 from tailstack_service.report import scene as scenes
+from tailstack_service.report.chapters.coordinates import lay_out
 from tailstack_service.report.charts import (
     PHONE,
     draw_budgets,

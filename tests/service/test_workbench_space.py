@@ -21,7 +21,7 @@ from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
 from tailstack.design import compile_design
-from tailstack_service.operations.layout import lay_out
+from tailstack_service.report.chapters.coordinates import lay_out
 
 MICROMETRE = 1e-3  # mm
 

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
+import numpy as np
+
+from tailstack.design import Design, compile_design
+from tailstack.errors import IllPosedError
+from tailstack.estimation.checks import imaged_fiducials
+from tailstack.geometry.arrays import Array
 from tailstack.results import Provenance
 from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
+from tailstack.scoring import provenance, score_errors
+from tailstack.system import System
 
 from ...rendering.document import Document, KeyNumber, Listing, Paragraph, Section
+from ..beams import Beam, beams_of
+from ..scene import scene_data, scene_of
 from .document import compose_document
 
 Point = tuple[float, float, float]
@@ -78,6 +90,77 @@ class Layout(Published):
     """What reports and the web page turn in space, if it was asked for: its shape may change with the version."""
     provenance: Provenance
     """What was computed from what, and what it does not include."""
+
+
+def lay_out(design: Design, *, scene: bool = False) -> Layout:
+    """Compile the design and image it.  Raises DesignError.
+
+    A layout that determines no answer is laid out nevertheless: a picture shows best what is wrong with it.
+    """
+    system = compile_design(design)
+    places = imaged_fiducials(system)
+    targets = np.array([target.position_mm for target in system.targets])
+    target_names = tuple(target.name for target in system.targets)
+    section = design.document.optimise
+    installed = _displacement(system)
+    views = tuple(
+        ImagedView(
+            view=beam.view.name,
+            projection=tuple(map(_numbers, beam.view.projection @ installed)),
+            target_projection=tuple(map(_numbers, beam.view.projection)),
+            image_size_px=None if beam.view.image_size_px is None else _numbers(beam.view.image_size_px),
+            margin_px=0.0 if section is None else float(section.image_margin_px),
+            source_mm=_numbers(beam.source_mm),
+            fiducials=_image_points(beam, system.fiducial_labels, places, used),
+            targets=_image_points(beam, target_names, targets, np.ones(len(targets))),
+        )
+        for beam, used in zip(beams_of(design, system), system.sees, strict=True)
+    )
+    return Layout(
+        schema="tailstack/layout/1",
+        fiducials=_place_points(system.fiducial_labels, system.fiducials_mm),
+        targets=_place_points(target_names, targets),
+        views=views,
+        scene=_scene(design) if scene else None,
+        provenance=provenance(system),
+    )
+
+
+def _scene(design: Design) -> dict[str, Any]:
+    """The layout in space; where it can be scored, with its errors."""
+    record = None
+    with suppress(IllPosedError):
+        record = score_errors(design)
+    return scene_data(scene_of(design, record, design.name))
+
+
+def _image_points(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
+    low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
+    imaged = []
+    for label, image, weight in zip(labels, beam.images(points), used, strict=True):
+        seen = bool((image == image).all())  # NaN behind the source
+        inside = seen and (not beam.sized or bool(((image >= low) & (image <= high)).all()))
+        imaged.append(ImagedPoint(label, _numbers(image) if seen else None, inside, bool(weight)))
+    return tuple(imaged)
+
+
+def _displacement(system: System) -> Array:
+    """(4, 4): from a nominal position of a fiducial in con to where it is when it is imaged."""
+    origin, *ends = imaged_fiducials(replace(system, fiducials_mm=np.vstack([np.zeros(3), np.eye(3)])))
+    return np.block(
+        [[np.column_stack([end - origin for end in ends]), origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]
+    )
+
+
+def _place_points(labels: Sequence[str], points: Array) -> tuple[PlacedPoint, ...]:
+    return tuple(PlacedPoint(label, _numbers(point)) for label, point in zip(labels, points, strict=True))
+
+
+def _numbers(values: Iterable[float]) -> Any:
+    return tuple(float(value) for value in values)
+
+
+# --- as a document ------------------------------------------------------------------------------------
 
 
 def layout_document(layout: Layout, sha256: str) -> Document:
