@@ -79,7 +79,7 @@ ANSWERED_WITHIN_SECONDS = 10.0  # a small score, after large gates were abandone
 AHEAD = f"""
 from tailstack_service.clock import Clock
 from tailstack_service.settings import load_settings
-from tailstack_service.jobs.process import run_worker
+from tailstack_service.jobs.worker import run_worker
 
 class Ahead(Clock):
     def time(self):

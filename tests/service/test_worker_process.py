@@ -76,9 +76,9 @@ def test_a_stop_is_clean_and_leaves_no_process(
 
 
 PATIENT = """
-from tailstack_service.jobs import process, worker
+from tailstack_service.jobs import worker
 worker.STOPPING_SECONDS = 3600.0  # for the database to take units back: a stop that waits for it waits for ever
-process.SAME_STOP_SECONDS = 0.0  # a signal more is another stop, however soon it comes
+worker.SAME_STOP_SECONDS = 0.0  # a signal more is another stop, however soon it comes
 """
 
 
@@ -155,7 +155,7 @@ def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path
 PARENT = """
 import threading
 from tailstack_service.settings import load_settings
-from tailstack_service.jobs.process import start_worker_process
+from tailstack_service.jobs.worker import start_worker_process
 child = start_worker_process(load_settings())
 print(child.pid, flush=True)
 threading.Event().wait()
@@ -190,8 +190,8 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.jobs.process import PURGE_SECONDS, HourlyPurge
     from tailstack_service.jobs.store import jobs
+    from tailstack_service.jobs.worker import PURGE_SECONDS, HourlyPurge
 
     url, clock = f"sqlite:///{tmp_path / 'x.sqlite3'}", TurnedClock()
     monkeypatch.setattr("random.random", lambda: 1.0)

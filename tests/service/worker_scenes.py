@@ -34,7 +34,7 @@ import logging
 import os
 from tailstack_service.logs import log_to_stderr
 from tailstack_service.settings import load_settings
-from tailstack_service.jobs.process import run_worker
+from tailstack_service.jobs.worker import run_worker
 log_to_stderr(level=logging.DEBUG)
 run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
 """

@@ -28,14 +28,14 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     settings = read_settings(arguments)
     if arguments.check:
-        from ..jobs.process import find_live_worker
+        from ..jobs.worker import find_live_worker
 
         worker = find_live_worker(settings)
         if worker is None:
             return Answer("no worker of this host is alive\n", NOT_EVALUATED)
         return Answer(f"worker {worker.id} is alive\n", PASS)
 
-    from ..jobs.process import run_worker
+    from ..jobs.worker import run_worker
     from ..processes.birth import Nursery, join_nursery, refuse_unusable_kernels
 
     refuse_unusable_kernels()

@@ -119,7 +119,7 @@ class _Family:
     def __init__(self, settings: Settings, worker: bool, log: IO[bytes] | None = None) -> None:
         self.children: list[RestartedProcess] = []
         if worker:
-            from ..jobs.process import start_worker_process
+            from ..jobs.worker import start_worker_process
 
             self.children.append(RestartedProcess("worker", lambda: start_worker_process(settings, log)))
 
