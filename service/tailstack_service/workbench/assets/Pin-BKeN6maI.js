@@ -1,2 +1,0 @@
-import{D as e,Ot as t}from"./api-CeLVKWna.js";import{t as n}from"./jsxRuntime-FcetfYus.js";var r=t(null),i=(t,n,r)=>e.value.flatMap((e,i)=>!e?.resolved&&e?.bead===t&&e?.contributor===n&&e?.component===r?[{k:i,text:String(e.text??``)}]:[]);function a({bead:e,contributor:t,component:a}){let o=i(e,t,a),s=o.map(({text:e})=>e).join(`
-`);return o.length?n(`button`,{type:`button`,class:`pin`,title:s,"aria-label":`${o.length===1?`A comment`:`${o.length} comments`}: ${s}`,onClick:e=>{e.stopPropagation(),r.value=o[0].k},children:o.length}):null}export{i as n,r,a as t};
