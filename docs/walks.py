@@ -34,7 +34,7 @@ KERNELS = "tailstack.kernels.store"
 SENDER, RECEIVER = "tailstack_service.processes.pool", "tailstack_service.processes.child"
 # Function whose return is the end of a walk: P95 is known; the text is written
 ENDS = {
-    "score": ("tailstack.tail.declared", "law_summary"),
+    "score": ("tailstack.tail.declared", "quantile"),
     "command": ("tailstack_service.console.command_line", "write_out"),
 }
 
