@@ -50,8 +50,8 @@ from .propagation.linear import (
     models_of,
     mounts_of,
     pass_mounts,
+    shift_together,
 )
-from .propagation.shifts import shift_together
 from .propagation.validity_bounds import ValidityBounds
 from .results import Check
 from .results.record import data_frame

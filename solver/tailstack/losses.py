@@ -37,8 +37,8 @@ from .propagation.linear import (
     linearise_all,
     linearise_at,
     models_of,
+    shift_together,
 )
-from .propagation.shifts import shift_together
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
 from .results.verdicts import P95

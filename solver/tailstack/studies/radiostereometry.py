@@ -36,9 +36,8 @@ from ..measures.rigid_fit import (
 from ..montecarlo.chain import run_indices
 from ..montecarlo.estimators import interval_ranks
 from ..montecarlo.plan import compile_plan
-from ..propagation.linear import Chain, LinearModel, chain_of, common_of, join, linearise_all
+from ..propagation.linear import Chain, LinearModel, chain_of, common_of, join, linearise_all, shift_together
 from ..propagation.nonlinearity import aim_at, row_errors
-from ..propagation.shifts import shift_together
 from ..results.radiostereometry import CrossingLines, DoubleExaminations, MarkerModel, Radiostereometry
 from ..scoring import vector3
 from ..system import System
