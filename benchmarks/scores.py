@@ -26,8 +26,8 @@ from tailstack.design import Design
 from tailstack.design.pointers import find_places, replace_value, value_at
 from tailstack.errors import DesignError
 from tailstack.people_tables import read_people_table
-from tailstack.propagation.columns import gains_of_images
 from tailstack.propagation.linear import chain_of, linearise
+from tailstack.propagation.noise import gains_of_images
 from tailstack.results.json_text import write_json
 from tailstack.studies.workspace import study_workspace
 from tailstack.system import System

@@ -5,8 +5,8 @@ columns (:mod:`.tail.declared`), and the derivative of its quantile by each of t
 number of the document is known where the number is a half-width, a standard deviation or a coordinate of a fiducial:
 half-widths multiply gains that stay as they are, and fiducials enter through what images do to the point alone, and
 what moves the images of all of them together.  That is differentiated by a complex step (Squire and Trapp 1998):
-``Im f(x + i h) / h`` with h = 1e-30 loses no digit, because nothing is subtracted, and ``propagation/noise.py`` and
-``propagation/columns.py`` have no square roots and no branches on values.
+``Im f(x + i h) / h`` with h = 1e-30 loses no digit, because nothing is subtracted, and ``propagation/noise.py`` has no
+square roots and no branches on values.
 
 Whether a number is of that kind is found out, not listed: the design is compiled with the number moved by one step and
 by two, and what changes must be affine in it and must be one of these things.  Any other number can be evaluated, but

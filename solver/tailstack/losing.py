@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array
 from .kernels.store import kernel
-from .propagation.columns import Imaging, assemble_after
-from .propagation.noise import eliminate_for, room_for
+from .propagation.noise import Imaging, assemble_after, eliminate_for, room_for
 from .tail.approximation import pearson_square
 
 
@@ -64,7 +63,7 @@ def lose(
 
     aims (T, 3) mm: the targets, reconstructed without noise; joints (P - T, T, 3, 3): what a displacement of each does
     to the measures that join several; apart (M,): which sources each target has of its own; shifts (T, V, 2 N + 2, C)
-    px as ``columns.assemble`` takes them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's
+    px as ``noise.assemble`` takes them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's
     estimate uses a fiducial; gains: imaged and moved.
     """
     imaged, moved = gains

@@ -26,7 +26,6 @@ from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .losing import LossGains, Ranking, Rest, lose, rank
 from .measures import MEASURE
-from .propagation.columns import gains_of_images
 from .propagation.linear import (
     Chain,
     ErrorModel,
@@ -39,6 +38,7 @@ from .propagation.linear import (
     models_of,
     shift_together,
 )
+from .propagation.noise import gains_of_images
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
 from .results.verdicts import P95

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array
 from .kernels.store import kernel
-from .propagation.columns import Imaging, assemble_after
-from .propagation.noise import Estimation, eliminate_views, room_for
+from .propagation.noise import Estimation, Imaging, assemble_after, eliminate_views, room_for
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .tail.assembling import assemble_law
 from .tail.declared import split_columns, tail_numbers

@@ -24,7 +24,6 @@ from scenes import (
     with_unseen,
 )
 from tailstack.geometry.rotation import RotationForm, rotation_xyz
-from tailstack.propagation.columns import assemble, gains_of_images
 from tailstack.propagation.linear import (
     chain_of,
     covariance,
@@ -33,7 +32,7 @@ from tailstack.propagation.linear import (
     estimation_of,
     linearise,
 )
-from tailstack.propagation.noise import eliminate_for, gains_after, room_for, room_for_gains
+from tailstack.propagation.noise import assemble, eliminate_for, gains_after, gains_of_images, room_for, room_for_gains
 from tailstack.system import LINEAR, Estimator, Reading, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
-from ..propagation.columns import Imaging, assemble
+from ..propagation.noise import Imaging, assemble
 
 
 class Spacing(NamedTuple):
@@ -35,7 +35,7 @@ class ExchangeModel(NamedTuple):
 
     imaging: Imaging  # its points are moved
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
-    std: Array  # (M,) of the sources of ``columns.assemble``, 0 of noise of the targets' images
+    std: Array  # (M,) of the sources of ``noise.assemble``, 0 of noise of the targets' images
     reconstructed: Array  # (Q, 3) mm: targets as the estimator sees them, of each demand in turn
     to_error: Array  # (Q, 3, 3) displacement of the triangulated point to the limited error, over its limit
     first: NDArray[np.int64]  # (T + 1,) the targets of demand t are those from first[t] to first[t + 1]

@@ -17,8 +17,8 @@ from ..geometry.arrays import Array, frozen
 from ..levels import Drawn
 from ..measures import MEASURE, POINTS
 from ..measures.measure import Measure, Site
-from ..propagation.columns import Imaging
 from ..propagation.linear import effects_of_images, estimator_geometry, imaging_of
+from ..propagation.noise import Imaging
 from ..system import ArrayLike, DirectEffect, Requirement, Sources, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
@@ -183,7 +183,7 @@ class EstimationTerms:
 
     imaging: Imaging
     assumed_shift_mm: Array  # (3,): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
-    std: Array  # (M,) native unit, of the sources of the columns that ``columns.assemble`` fills
+    std: Array  # (M,) native unit, of the sources of the columns that ``noise.assemble`` fills
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
     @property

@@ -4,7 +4,7 @@ At the biased geometry a mount, the hand-eye and the execution act on the error 
 depend on the layout (every estimator absorbs a rigid displacement exactly); only what acts through the images sees the
 fiducials: image noise, manufacturing errors, errors of assumed intrinsics, and what moves the images of all fiducials
 together.  The constants come from :func:`~tailstack.propagation.linear.linearise`, the rest from the same
-:func:`~tailstack.propagation.columns.assemble` and :func:`~tailstack.propagation.linear.shift_together` that the
+:func:`~tailstack.propagation.noise.assemble` and :func:`~tailstack.propagation.linear.shift_together` that the
 score runs, here on symbols.
 
 Pivots enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the torsor are affine in the
@@ -24,7 +24,6 @@ from ..design.drawn import DrawnValues
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
 from ..levels import Drawn
-from ..propagation.columns import gains_of_images
 from ..propagation.linear import (
     UNJUDGED,
     Block,
@@ -37,6 +36,7 @@ from ..propagation.linear import (
     linearise_at,
     shift_together,
 )
+from ..propagation.noise import gains_of_images
 from ..system import ArrayLike, Law, System, Way, std_per_half_width
 from .problem import (
     Choice,

@@ -25,8 +25,7 @@ from ..levels import Drawn
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
 from ..system import Act, ArrayLike, Effect, Law, Place, Reading, System, Target, Way
-from .columns import Imaging, gains_of_images
-from .noise import Estimation
+from .noise import Estimation, Imaging, gains_of_images
 from .nonlinearity import (
     Common,
     MatrixGains,
@@ -285,7 +284,7 @@ def factors_of(system: System) -> Array:
 
 
 def effects_of_images(system: System) -> tuple[Effect, ...]:
-    """The effects whose sources act through single images, as ``columns.assemble`` has them: image noise view by view,
+    """The effects whose sources act through single images, as ``noise.assemble`` has them: image noise view by view,
     manufacturing, what views believe."""
     believed = (error for error in system.believed_errors if error is not None)
     return tuple(each for each in (*system.errors_of_points, *believed) if each.sources.count)
@@ -528,7 +527,7 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
     """mm^2: second moment of what the structure's mount, where it turns, does to the gains of images.
 
     The structure is seen from elsewhere then.  That the error turns with it changes no norm, and is left out.
-    at_rest (3, M): of single images (``columns.assemble``).
+    at_rest (3, M): of single images (``noise.assemble``).
     """
     system = chain.system
     spread = np.concatenate([each.sources.spread for each in chain.of_images])
@@ -610,7 +609,7 @@ def _lengthen(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
 
 
 class ImageGains(NamedTuple):
-    """What everything that acts through the images does at a target, in the order of ``columns.assemble``: single
+    """What everything that acts through the images does at a target, in the order of ``noise.assemble``: single
     images and believed intrinsics, shifts of all images together, what is known of these and of believed intrinsics."""
 
     localisation: Array  # (3, M + C + E + V) con, mm per native unit
