@@ -16,8 +16,7 @@ from tailstack.geometry.rotation import displacement
 from tailstack.montecarlo.chain import evaluate
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import chain_of, covariance, estimator_geometry, gains_moved_by_seat, linearise
-from tailstack.propagation.nonlinearity import matrix_gains
-from tailstack.propagation.turns import NO_TURNS, images_beside_bias
+from tailstack.propagation.nonlinearity import NO_TURNS, images_beside_bias, matrix_gains
 from tailstack.scoring import score, trust_of
 from tailstack.system import LINEAR, Law, Reading, Sources, System, Triangulation, Way
 

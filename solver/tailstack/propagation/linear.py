@@ -27,25 +27,23 @@ from ..measures.measure import Measure, Site
 from ..system import Act, ArrayLike, Effect, Law, Place, Reading, System, Target, Way
 from .noise import Estimation, Imaging, gains_of_images
 from .nonlinearity import (
-    Common,
-    MatrixGains,
-    Nonlinearity,
-    matrix_covariance,
-    motion_of_images,
-    nonlinearity,
-    view_matrix_gains,
-)
-from .turns import (
     ANGLES_1,
     ANGLES_2,
     ANGLES_3,
     IMAGES,
     NO_TURNS,
     SIZE,
+    Common,
+    MatrixGains,
+    Nonlinearity,
     Turns,
     images_beside_bias,
+    matrix_covariance,
+    motion_of_images,
+    nonlinearity,
     second_order,
     turns_of,
+    view_matrix_gains,
 )
 
 _STEP = 1e-3  # standard deviations of a mount by which its gains are differentiated

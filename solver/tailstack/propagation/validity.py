@@ -25,8 +25,7 @@ from ..geometry.rotation import RotationForm
 from ..results import Validity
 from ..results.digits import number
 from ..system import DEFAULT_ESTIMATOR, System
-from .nonlinearity import Nonlinearity, motion_of_images
-from .turns import NO_TURNS, Turns
+from .nonlinearity import NO_TURNS, Nonlinearity, Turns, motion_of_images
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
 
