@@ -35,8 +35,13 @@ from .propagation.linear import (
     linearise_all,
     models_of,
 )
-from .propagation.second_order import refuse_outside_range, second_order_moments
-from .propagation.validity import error_percent, widen_validity, worst_validity
+from .propagation.validity import (
+    error_percent,
+    refuse_outside_range,
+    second_order_moments,
+    widen_validity,
+    worst_validity,
+)
 from .reliability import slip_reliabilities
 from .results import (
     Check,
