@@ -18,8 +18,8 @@ from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, replaced
 from scenes import effect_named
 from tailstack import score, verify
 from tailstack.design import check_design, compile_design, design_json_schema, load_design
+from tailstack.effects.robot import dh_joint, place_errors
 from tailstack.errors import DesignError
-from tailstack.geometry.kinematics import dh_joint, place_errors
 from tailstack.system import Law
 
 DESIGNS = sorted(EXAMPLES.glob("*.yaml"))

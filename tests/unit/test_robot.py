@@ -22,10 +22,9 @@ from tailstack import load_design, score, verify
 from tailstack.design import compile_design
 from tailstack.design.urdf_files import read_urdf
 from tailstack.design.write import design_to_data
-from tailstack.effects.robot import UrdfChain
+from tailstack.effects.robot import UrdfChain, dh_joint, place_errors, rpy_joint
 from tailstack.errors import DesignError
 from tailstack.geometry.arrays import Array
-from tailstack.geometry.kinematics import dh_joint, place_errors, rpy_joint
 from tailstack.montecarlo.chain import evaluate, evaluate_plainly
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise

@@ -9,13 +9,17 @@ by and F~ those of the arm, a point x of the flange at q1 should meet the tool, 
 To first order ``e = (J(q2, x) - J(q1, x)) dp``, J(q, x) the columns ``w x x + v`` of the errors dp at pose q, all in
 the flange at q1 and at the same point x: what both poses share acts by the difference, what is drawn at each by its
 own.  At the tool it is ``e`` turned by T_tcp_flange: in tcp as it stood at q1, as all that is located.
-Exactly, G is the product of the screws of ``geometry.kinematics``: those at q2, then those at q1 undone.  Screws that
-are the same at both poses undo one another and are left out; so does the whole arm where q1 = q2.
+
+A joint is a fixed transform, its motion about or along an axis, and another fixed transform.  An error at a frame T of
+the arm is a small screw s there: ``T exp(s e)`` in place of T.  Carried to the base, exact errors multiply, in the
+order of the arm: ``F~(q) = E_1 E_2 ... F(q)`` with ``E_k = exp(s_k e_k)``, s_k the screw in the base at the nominal
+pose.  So G is a product of screws: those at q2, then those at q1 undone.  Screws that are the same at both poses undo
+one another and are left out; so does the whole arm where q1 = q2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from math import radians
@@ -39,7 +43,7 @@ from ..fields import (
     refusal,
 )
 from ..geometry.arrays import Array, frozen
-from ..geometry.kinematics import MOTION, Joint, PlacedError, carry, dh_joint, move_at, place_errors, rpy_joint, undo
+from ..geometry.rotation import carry, move_at, rigid_transform, screw, undo
 from ..levels import Drawn
 from ..ranges import JOINT_SD_DEG, LINK_SD_DEG, LINK_SD_MM, AnySize
 from ..system import Act, Effect, Place, Scene, System
@@ -63,6 +67,104 @@ _Sds = Annotated[list[_Sd], Field(min_length=1, max_length=MOST_JOINTS)]
 _Stiffness = Annotated[
     float, Field(ge=1, le=1e8), Typical(1e4, 1e6), AnySize("of a joint, or of a slide, from 1 to rigid")
 ]
+
+# --- the arm: forward kinematics, and what errors of joints and links do at a pose ------------------------
+
+TWIST = dict(zip(("rx", "ry", "rz", "x", "y", "z"), np.eye(6), strict=True))
+
+
+class LinkParameter(NamedTuple):
+    """A parameter of the arm that may be off: its name, and its twist in the frame where it acts."""
+
+    name: str
+    twist: Array  # (6,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A joint and the links beside it.  In the order of the arm: ``before``, errors of its links ``leading``, its
+    motion, ``after``, errors ``trailing``; of DH parameters, whose screws lie between, see :func:`dh_joint`."""
+
+    name: str
+    twist: Array  # (6,) of its motion, in its frame
+    before: Array  # (4, 4)
+    after: Array  # (4, 4)
+    leading: tuple[LinkParameter, ...] = ()
+    trailing: tuple[LinkParameter, ...] = ()
+
+    @property
+    def turns(self) -> bool:
+        return bool(self.twist[:3].any())
+
+    @property
+    def moves(self) -> bool:
+        return bool(self.twist.any())
+
+
+def dh_joint(
+    name: str, lengths_mm: tuple[float, float], angles: tuple[float, float], turns: bool, modified: bool
+) -> Joint:
+    """A joint of Denavit-Hartenberg parameters: lengths a and d, mm, angles alpha and theta, rad.
+
+    Standard (Denavit and Hartenberg 1955): ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``; modified (Craig):
+    ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.  What moves adds to theta, or to d where it slides.
+    """
+    (a, d), (alpha, theta) = lengths_mm, angles
+    along_z = screw(TWIST["rz"], theta) @ screw(TWIST["z"], d)
+    along_x = screw(TWIST["x"], a) @ screw(TWIST["rx"], alpha)
+    # screws about one line commute: a and alpha act at the end of x, or before it, and d along z, as theta does
+    of_x = (LinkParameter("a", TWIST["x"]), LinkParameter("alpha", TWIST["rx"]))
+    of_z = LinkParameter("d", TWIST["z"]) if turns else LinkParameter("theta", TWIST["rz"])
+    twist = TWIST["rz" if turns else "z"]
+    if modified:
+        return Joint(name, twist, along_x, along_z, (*of_x, of_z))
+    return Joint(name, twist, np.eye(4), along_z @ along_x, (of_z,), of_x)
+
+
+def rpy_joint(name: str, place_mm: Array, rpy: Array, twist: Array) -> Joint:
+    """A joint of URDF: it stands at an origin, ``Rz(yaw) Ry(pitch) Rx(roll)``, rad; twist 0: it is fixed.
+
+    Its frame is off in six ways, or in five beside that in which it moves, which is off by its zero.
+    """
+    turns = [screw(TWIST[axis], angle) for axis, angle in zip(("rx", "ry", "rz"), rpy, strict=True)]
+    origin = rigid_transform((turns[2] @ turns[1] @ turns[0])[:3, :3], place_mm)
+    ways = dict(TWIST)
+    if twist.any():  # a reflection lays the nearest way along it, and the others beside it
+        nearest = max(TWIST, key=lambda way: abs(TWIST[way] @ twist))
+        away = twist - np.sign(TWIST[nearest] @ twist) * ways.pop(nearest)
+        ways = {way: each - 2 * away * (away @ each) / max(float(away @ away), 1e-300) for way, each in ways.items()}
+    return Joint(name, twist, origin, np.eye(4), tuple(LinkParameter(*each) for each in ways.items()))
+
+
+class PlacedError(NamedTuple):
+    """An error of an arm at a pose: the joint it belongs to, its name there, and its twist (6,) in the base."""
+
+    joint: int
+    name: str
+    twist: Array  # (..., 6)
+
+
+MOTION = "joint"  # the name of the error of a joint's own motion
+
+
+def place_errors(arm: Sequence[Joint], values: Iterable[Any]) -> tuple[list[PlacedError], Array]:
+    """The errors of an arm in the order that they act in, and the pose (..., 4, 4) of its tip in its base; values: of
+    the joints, rad or mm, (...) each."""
+    frame, errors = np.eye(4), []
+    for index, (joint, value) in enumerate(zip(arm, values, strict=True)):
+        frame = frame @ joint.before
+        errors += _place(index, (*joint.leading, LinkParameter(MOTION, joint.twist)), frame)
+        frame = frame @ screw(joint.twist, value) @ joint.after
+        errors += _place(index, joint.trailing, frame)
+    return errors, frame
+
+
+def _place(joint: int, parameters: Sequence[LinkParameter], frame: Array) -> list[PlacedError]:
+    twists = carry(frame[..., None, :, :], np.array([each.twist for each in parameters]).reshape(-1, 6))
+    return [PlacedError(joint, each.name, twists[..., k, :]) for k, each in enumerate(parameters)]
+
+
+# --- the section of the document --------------------------------------------------------------------------
 
 
 class DhJoint(Record):
@@ -310,11 +412,11 @@ def _compile(section: OfExecution, setting: Setting) -> Iterator[Effect]:
             stated.append((link.name, "rad" if turns else "mm", width))
         parameters = [name for name, _, _ in stated]
         amounts = np.zeros((len(screws), len(parameters) + 2))
-        for row, screw in enumerate(screws):
-            if screw.error.joint == index:
-                amounts[row, parameters.index(screw.error.name)] = screw.sign
-                if screw.error.name == MOTION:
-                    amounts[row, len(parameters) + screw.pose] = screw.sign
+        for row, each in enumerate(screws):
+            if each.error.joint == index:
+                amounts[row, parameters.index(each.error.name)] = each.sign
+                if each.error.name == MOTION:
+                    amounts[row, len(parameters) + each.pose] = each.sign
         ways = np.eye(len(parameters) + 2)
         sources = gather_sources(
             [
@@ -341,9 +443,9 @@ def _scatter(compiled: _Compiled, widths: Sequence[float], at: str) -> RobotEffe
         for pose, word in enumerate(("imaging", "executing")):
             way = np.eye(2 * len(arm))[2 * index + pose]
             stated.append(Source(f"{joint.name}.{word}", "normal", width, 1.0, "rad" if joint.turns else "mm", way))
-    for row, screw in enumerate(screws):
-        if screw.error.name == MOTION:
-            amounts[row, 2 * screw.error.joint + screw.pose] = screw.sign
+    for row, each in enumerate(screws):
+        if each.error.name == MOTION:
+            amounts[row, 2 * each.error.joint + each.pose] = each.sign
     name = "joint_scatter"
     known = frozen(np.zeros(2 * len(arm)))
     sources = gather_sources(stated, 2 * len(arm))

@@ -20,8 +20,7 @@ import numpy as np
 
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array
-from ..geometry.kinematics import carry, undo
-from ..geometry.rotation import rigid_transform
+from ..geometry.rotation import carry, rigid_transform, undo
 
 LEAST_POSES = 6
 LEAST_TURN_DEG = 3.0  # of poses about a second axis, root mean square, below which X is hardly known

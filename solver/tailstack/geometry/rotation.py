@@ -1,13 +1,17 @@
-"""Rotations and small displacement torsors (Eqs 11-13), with the derivatives the linear model needs.
+"""Rotations, rigid motions, and small displacement torsors (Eqs 11-13), with the derivatives the linear model needs.
 
 A rotation is three angles (rx, ry, rz), rad, composed as ``R = Rx(rx) Ry(ry) Rz(rz)`` (Eq 12).  The
 small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and *not* a rotation.
+
+A twist is (w, v): it moves a point x by ``w x x + v``; w has length one (a turn, rad) or is 0 (v then has length one, a
+shift, mm).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -164,6 +168,35 @@ def rigid_transform(rotation: Array, translation_mm: Array) -> Array:
     out[..., :3, 3] = translation_mm
     out[..., 3, 3] = 1.0
     return out
+
+
+def screw(twist: Array, amount: Any) -> Array:
+    """(..., 4, 4) finite motions by a twist (6,), amount (...) rad or mm."""
+    w, v, amount = twist[:3], twist[3:], np.asarray(amount)[..., None]
+    if not w.any():
+        return rigid_transform(np.eye(3), v * amount)
+    k = skew(w)
+    turn = np.eye(3) + np.sin(amount)[..., None] * k + (1 - np.cos(amount))[..., None] * (k @ k)
+    away = np.cross(w, v)  # of its axis from the origin
+    return rigid_transform(turn, away - turn @ away + w * (w @ v) * amount)
+
+
+def carry(transform: Array, twists: Array) -> Array:
+    """Twists (..., 6) in the frame that a rigid transform (..., 4, 4) maps to."""
+    turn, shift = transform[..., :3, :3], transform[..., :3, 3]
+    w, v = ((turn @ each[..., None])[..., 0] for each in (twists[..., :3], twists[..., 3:]))
+    return np.concatenate([w, v + np.cross(shift, w)], axis=-1)
+
+
+def undo(transform: Array) -> Array:
+    """(..., 4, 4) inverses of rigid ones."""
+    back = np.swapaxes(transform[..., :3, :3], -1, -2)
+    return rigid_transform(back, -(back @ transform[..., :3, 3:])[..., 0])
+
+
+def move_at(twist: Array, point: Array) -> Array:
+    """(..., 3) mm: how a twist (..., 6) moves a point (..., 3), per unit."""
+    return np.asarray(np.cross(twist[..., :3], point) + twist[..., 3:])
 
 
 def rigidity_defect(rotation: Array) -> float:

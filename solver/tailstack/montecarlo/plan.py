@@ -44,8 +44,7 @@ from ..estimation.least_squares import precisions, weights_at_rest
 from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
-from ..geometry.kinematics import carry, undo
-from ..geometry.rotation import RotationForm
+from ..geometry.rotation import RotationForm, carry, undo
 from ..laws import SUMS
 from ..levels import Drawn
 from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, View, Weighing, std_per_half_width

@@ -19,8 +19,7 @@ from ..errors import IllPosedError, Problem
 from ..estimation.least_squares import precisions
 from ..estimation.resection import project
 from ..geometry.arrays import Array
-from ..geometry.kinematics import carry, move_at, undo
-from ..geometry.rotation import Displacement, apply, displacement
+from ..geometry.rotation import Displacement, apply, carry, displacement, move_at, undo
 from ..levels import Drawn
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
