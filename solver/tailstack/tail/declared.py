@@ -26,9 +26,9 @@ from ..geometry.spectrum import principal_axes
 from ..kernels.store import kernel
 from ..laws import PARTS, SUMS
 from .approximation import pearson_square
-from .contour import cumulant
 from .elementary import sine_and_cosine
 from .gaussian import (
+    cumulant,
     gaussian_cumulants,
     mean_on_axes,
     norm_cdf,
