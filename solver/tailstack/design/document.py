@@ -47,6 +47,7 @@ from ..fields import (
     RandomLaw,
     Record,
     Rotation3,
+    Transform,
     are_parallel,
     exactly_one,
     leave_out_later,
@@ -94,7 +95,6 @@ from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefin
 from .bead_noise import BeadNoise
 from .features import Feature, refuse_overheld
 from .optimise_document import Optimise
-from .pose import Transform
 from .presets import PRESETS
 from .review import Review
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import DesignError, Problem
+from ..fields import Pose
 from ..geometry.arrays import Array, frozen
 from ..geometry.mesh import Mesh
 from ..geometry.rotation import (
@@ -28,7 +29,6 @@ from .consistency import check_entries, find_duplicates
 from .document import Fiducials, Locator, LocatorFile, NamedPoint, PointFile, TargetDocument, TargetFile
 from .fiducial_files import FiducialList
 from .optimise_document import SearchSurface
-from .pose import Pose
 from .surface_files import Surface, read_packed
 
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation

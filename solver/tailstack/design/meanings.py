@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
 from ..field_names import write_value
+from ..fields import Pose
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
 from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
@@ -34,7 +35,6 @@ from .document import (
     PresetView,
 )
 from .frames import compile_transform
-from .pose import Pose
 from .presets import PRESETS
 
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}

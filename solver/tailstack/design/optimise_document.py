@@ -20,6 +20,7 @@ from ..fields import (
     Name,
     Point,
     Record,
+    Transform,
     exactly_one,
     leave_out_later,
     only_one,
@@ -41,7 +42,6 @@ from ..ranges import (
     Meant,
 )
 from ..system import ROTATIONS
-from .pose import Transform
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
 FREE_DEG = replace(SEAT_DEG, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")

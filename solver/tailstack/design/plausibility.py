@@ -20,6 +20,7 @@ from tailstack.fields import INTERFACES
 from ..effects import EFFECTS
 from ..effects.kind import Doubt, PlausibilityTest
 from ..errors import Problem
+from ..fields import Pose
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
 from ..ranges import DETECTOR_MM, ISOCENTRE_MM, NOISE_PX, SLIPS, Meant, Number, list_numbers
@@ -56,7 +57,6 @@ from .meanings import (
     state_foot,
     write_numbers,
 )
-from .pose import Pose
 from .presets import PRESETS
 
 BESIDE = "The range beside the field: docs/design.md lists them with their sources."

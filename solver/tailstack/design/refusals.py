@@ -13,12 +13,11 @@ from pydantic.fields import FieldInfo
 from ..cures import ask_meant, cure_list, cure_pair, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
 from ..field_names import cure_name, is_numeric, write_value
-from ..fields import describe_fields
+from ..fields import Pose, describe_fields
 from .bead_noise import BeadNoise
 from .document import VIEW_KINDS, DesignDocument
 from .features import FEATURE_KINDS
 from .optimise_document import FREE_VIEW_KINDS
-from .pose import Pose
 from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 
