@@ -20,7 +20,7 @@ from service_scenes import EXAMPLES
 from plain_data import places_of, replaced, value_at
 from tailstack import load_design, score
 from tailstack.design import check_design
-from tailstack.design.assumed import follow_changes, list_assumed
+from tailstack.design.loading import follow_changes, list_assumed
 from tailstack.design.presets import PRESETS, list_presets
 from tailstack_service.first_design import Beads, design_of_beads
 

@@ -13,7 +13,7 @@ from served import Served
 from service_scenes import EXAMPLES, ROOT, ask
 
 from tailstack import load_design, score
-from tailstack.design.assumed import list_assumed
+from tailstack.design.loading import list_assumed
 from tailstack_service.cli.main import main
 from tailstack_service.first_design import Beads, design_of_beads
 

@@ -13,7 +13,7 @@ import yaml
 from plain_data import DEMO, EXAMPLES, problems_of, read_cases
 from tailstack import DesignError, load_design, score
 from tailstack.design import Revision, compile_design, design_to_data, design_to_yaml, revise_design
-from tailstack.design.assumed import follow_changes, list_assumed
+from tailstack.design.loading import follow_changes, list_assumed
 from tailstack.design.yaml_text import revise_yaml
 from tailstack.results.verdicts import assumed_sentence, rest_of
 

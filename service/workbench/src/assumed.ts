@@ -1,4 +1,4 @@
-// What nobody stated: the list `assumed` of a design, as the service reads it (solver/tailstack/design/assumed.py).
+// What nobody stated: the list `assumed` of a design, as the service reads it (solver/tailstack/design/loading.py).
 // A pointer to a mapping, or to a list of mappings, covers every number below it; stating a value takes it off.
 
 import { type Edit, equal, type Json, type Path, pointerOf, valueAt, withEdits } from "./document";

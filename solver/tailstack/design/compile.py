@@ -39,7 +39,6 @@ from ..system import (
     no_sources,
 )
 from ..tolerances import Source, coverage_of, gather_sources
-from .assumed import list_assumed
 from .cameras import compile_view, detector_distances
 from .consistency import describe_condition, expand_target, find_pivots
 from .document import (
@@ -53,7 +52,7 @@ from .document import (
 from .features import MOTIONS, ROUND, Feature, FittedFeature, Part
 from .fiducial_files import list_notes
 from .frames import compile_transform, read_surface_of
-from .loading import Design
+from .loading import Design, list_assumed
 from .meanings import WrittenPoints, explain_places
 from .optimise_document import surfaces_in
 from .plausibility import explain_refusal, find_implausible

@@ -16,13 +16,14 @@ from ..geometry.arrays import Array
 from ..geometry.camera import turn_view
 from ..results.json_text import write_json
 from ..system import ROTATIONS
-from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView
 from .drawn import find_drawn, redraw_data
 from .features import Feature
 from .frames import FRAME_FIELDS
 from .loading import (
+    ASSUMED,
     Design,
+    follow_changes,
     load_design,
 )
 from .reading import DEFAULT_LIMITS, Limits, hide_nothing, is_unseen, scalar
@@ -37,7 +38,7 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
     document = design.document if inline else design.as_written
     if inline and document.assumed:
         moved = [re.sub(r"/(target|locator)_files.*", r"/\1s", each) for each in document.assumed]
-        document = document.model_copy(update={FIELD: list(dict.fromkeys(moved))})
+        document = document.model_copy(update={ASSUMED: list(dict.fromkeys(moved))})
     if inline and document.fiducials.file is not None:
         points = [
             FiducialPoint(label=label, position_mm=position)
@@ -47,7 +48,7 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
         remaining = {name: getattr(stated, name) for name in stated.model_fields_set - dropped}
         fiducials = type(stated).model_validate({"points": points, "origin": design.fiducials.origin, **remaining})
         assumed = ["/fiducials/points" if each == "/fiducials/file" else each for each in document.assumed]
-        document = document.model_copy(update={"fiducials": fiducials} | ({FIELD: assumed} if assumed else {}))
+        document = document.model_copy(update={"fiducials": fiducials} | ({ASSUMED: assumed} if assumed else {}))
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
@@ -103,8 +104,8 @@ _Dumper.add_representer(_Lines, _represent_list)
 
 def data_to_yaml(data: Any) -> str:
     """Plain data as YAML text that :func:`read_text` reads back unchanged."""
-    if isinstance(data, dict) and isinstance(data.get(FIELD), list):
-        data = {**data, FIELD: _Lines(data[FIELD])}
+    if isinstance(data, dict) and isinstance(data.get(ASSUMED), list):
+        data = {**data, ASSUMED: _Lines(data[ASSUMED])}
     text: str = yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
     )

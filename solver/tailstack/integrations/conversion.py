@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..design.assumed import FIELD, follow_changes
 from ..design.document import WAYS_OF_HOLDING
 from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
-from ..design.loading import Design, holds_points, load_design
+from ..design.loading import ASSUMED, Design, follow_changes, holds_points, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, MOST_STEP_BYTES, STEP_FILES, Format, Limits, read_bytes
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
 from ..errors import DesignError, LimitError, Problem, StepError
@@ -165,7 +164,7 @@ def _place_fiducials(
         notes = (*notes, *seat.remarks)
     data = follow_changes(old, data)
     if guessed:
-        data[FIELD] = [*data.get(FIELD, ()), *guessed]
+        data[ASSUMED] = [*data.get(ASSUMED, ()), *guessed]
     return data if base is None else design_to_data(load_design(data)), notes
 
 

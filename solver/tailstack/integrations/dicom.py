@@ -24,8 +24,7 @@ from io import BytesIO
 from math import cos, isfinite, radians, sin
 from typing import Any
 
-from ..design.assumed import FIELD, follow_changes
-from ..design.loading import Design, load_design
+from ..design.loading import ASSUMED, Design, follow_changes, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Limits
 from ..design.write import design_to_data
 from ..errors import DesignError, Problem
@@ -305,7 +304,7 @@ def place_shots(base: Design, shots: Sequence[Shot]) -> tuple[dict[str, Any], tu
         notes.append(f"as in the base: {', '.join(left)}")
     data = follow_changes(old, {**old, "views": views})
     if new:
-        data[FIELD] = [*data.get(FIELD, ()), *new]
+        data[ASSUMED] = [*data.get(ASSUMED, ()), *new]
     return data, (*notes, *UNKNOWN)
 
 
