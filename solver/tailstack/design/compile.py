@@ -15,11 +15,10 @@ import numpy as np
 from ..effects import EFFECTS
 from ..effects.kind import Host, Setting
 from ..errors import DesignError, IllPosedError, Problem
-from ..estimation.checks import examine
+from ..estimation.checks import direction_name, examine, point_name
 from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import depths
-from ..geometry.naming import direction_name, point_name
 from ..levels import Drawn
 from ..measures import MEASURE, Metric
 from ..measures.measure import DRAWN_ANEW, TWO_SHOTS, MeasuredBody

@@ -19,6 +19,14 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 
+# Where the geometry determines no answer
+TOUCHING_MM = 1e-3  # two fiducials closer than this are one
+COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
+COPLANAR = 1e-5  # third over first
+SINGULAR = 1e-6  # second smallest over largest singular value of the normalised design matrix
+NO_PARALLAX = 1e-4  # sine of the angle between two rays
+THICK = 0.3  # thickness over width, above which a structure's images allow no mirrored pose
+
 
 def hartley_similarity(points: Array) -> Array:
     """Similarity that moves points to centroid 0 and RMS distance sqrt(d).

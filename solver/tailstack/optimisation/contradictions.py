@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from ..errors import DesignError, Problem
+from ..estimation.checks import direction_name
 from ..geometry.arrays import Array
-from ..geometry.naming import direction_name
 from ..measures import MEASURE
 from ..results.digits import at_least, at_most
 from ..system import View

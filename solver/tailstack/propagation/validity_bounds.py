@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimation.edges import COPLANAR, NO_PARALLAX, SINGULAR, THICK, TOUCHING_MM
+from ..estimation.resection import COPLANAR, NO_PARALLAX, SINGULAR, THICK, TOUCHING_MM
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of, sines_between_rays
 from ..geometry.spectrum import eigen_symmetric
