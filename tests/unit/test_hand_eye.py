@@ -15,10 +15,9 @@ from scipy.stats import chi2
 from plain_data import DEMO, replaced
 from tailstack import load_design, score
 from tailstack.design import compile_design
-from tailstack.design.hand_eye_files import COLUMNS
+from tailstack.design.hand_eye_files import COLUMNS, fit_hand_eye
 from tailstack.design.write import design_to_data
 from tailstack.errors import DesignError
-from tailstack.estimation.hand_eye import fit_hand_eye
 from tailstack.geometry.arrays import Array
 
 
