@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .budget import budget
+from .budget import budget, list_levers, worth_of
 from .contributors import ErrorLaw, error_law, risk_of_units, value_of
 from .cures import ask_label
 from .design import Design, check_design
@@ -23,7 +23,6 @@ from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
 from .levels import Drawn
-from .levers import list_levers, worth_of
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
 from .measures.measure import Site
