@@ -8,13 +8,10 @@ as ``x-plausible``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from math import pi
-from typing import Any, NamedTuple, get_args
-
-from pydantic import BaseModel
+from typing import Any
 
 from .tables import read_table
 from .units import OTHER_LENGTHS
@@ -63,86 +60,6 @@ class AnySize:
 
 
 Range = Meant | AnySize
-
-
-class Number(NamedTuple):
-    """A number of a document, or those of a vector or matrix, with its range."""
-
-    pointer: str
-    name: str  # as a person calls it: structure_connector rx half_width_deg
-    value: Any  # float, or tuples of them
-    largest: float  # in size, of all that are judged together with it
-    meant: Meant
-
-
-def find_ranges(annotation: Any, metadata: Any = ()) -> tuple[Range, ...]:
-    """The ranges of a type, the nearest to the field last: those that stand outermost in it."""
-    notes = [*getattr(annotation, "__metadata__", ()), *metadata]
-    own = tuple(note for note in notes if isinstance(note, Meant | AnySize))
-    return own or next(filter(None, map(find_ranges, get_args(annotation))), ())
-
-
-def holds_records(annotation: Any) -> bool:
-    """Whether values of this type are records, or lists of them."""
-    own = isinstance(annotation, type) and issubclass(annotation, BaseModel)
-    return own or any(map(holds_records, get_args(annotation)))
-
-
-@cache
-def list_ranges(record: type[BaseModel]) -> tuple[tuple[str, tuple[Range, ...], bool], ...]:
-    """(field, its ranges, whether it holds records) of each field of a record that leads to numbers."""
-    fields = [
-        (name, find_ranges(field.annotation, field.metadata), holds_records(field.annotation))
-        for name, field in record.model_fields.items()
-    ]
-    return tuple(each for each in fields if each[1] or each[2])
-
-
-_SECTIONS = ("interfaces", "transforms", "execution", "tolerances", "rotation_deg", "views", "targets", "points")
-
-
-def list_numbers(
-    value: Any, told: Mapping[str, Range] | None = None, pointer: str = "", name: str = ""
-) -> Iterator[Number]:
-    """Every number of a record that has a plausible range.  ``told``: ranges that records above it state, by unit."""
-    told = told or {}
-    if isinstance(value, list):
-        for index, each in enumerate(value):
-            own = getattr(each, "name", None) or getattr(each, "label", None) or str(index + 1)
-            yield from list_numbers(each, told, f"{pointer}/{index}", f"{name} {own}".strip())
-        return
-    if not isinstance(value, BaseModel):
-        return
-    plain: list[tuple[str, Any, Meant]] = []
-    for field, found, deep in list_ranges(type(value)):
-        below = getattr(value, field)
-        if below is None:
-            continue
-        if deep and isinstance(below, BaseModel | list):
-            inner = {each.unit: each for each in found} | dict(told)
-            known = name if field in _SECTIONS else f"{name} {field}".strip()
-            yield from list_numbers(below, inner, f"{pointer}/{field}", known)
-        elif found:
-            meant = told.get(found[-1].unit, found[-1]) if found[-1].unit else found[-1]
-            if isinstance(meant, Meant):
-                plain.append((field, below, meant))
-    for field, below, meant in plain:
-        at, called = f"{pointer}/{field}", f"{name} {field}".strip()
-        if isinstance(below, list) or (isinstance(below, tuple) and not meant.together):
-            for index, each in enumerate(below):
-                yield Number(f"{at}/{index}", f"{called} {index + 1}", each, abs(each), meant)
-            continue
-        alike = [other for _, other, same in plain if same is meant] if meant.together else [below]
-        yield Number(at, called, below, max(map(_largest, alike)), meant)
-
-
-def _largest(value: Any) -> float:
-    """In size; of a transform (4, 4), that of its translation."""
-    if not isinstance(value, tuple):
-        return abs(float(value))
-    if len(value) == 4 and isinstance(value[0], tuple):
-        value = tuple(row[3] for row in value[:3])
-    return max(_largest(each) for each in value)
 
 
 _RANGES = {name: Meant(**given) for name, given in read_table("ranges").items()}

@@ -16,9 +16,9 @@ from cure_walk import steps_of
 from plain_data import EXAMPLES, replaced
 from tailstack.design import check_design, design_json_schema, load_design
 from tailstack.design.document import DesignDocument
-from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.design.plausibility import PLAUSIBILITY, find_ranges, list_numbers
 from tailstack.errors import DesignError, IllPosedError
-from tailstack.ranges import SLIPS, AnySize, Meant, find_ranges, list_numbers
+from tailstack.ranges import SLIPS, AnySize, Meant
 from tailstack.scoring import score
 
 
