@@ -576,6 +576,17 @@ class System:
         return tuple(errors.get(view.name) for view in self.views)
 
     @property
+    def prior_precisions(self) -> Array:
+        """(V, 3) px^2: variance of a fiducial's image over that of each intrinsic; 0 where nothing is known beforehand,
+        or the estimator does not weigh it."""
+        out = np.zeros((len(self.views), 3))
+        for v, view in enumerate(self.views):
+            if self.estimator.traits.takes_prior and view.intrinsics_prior is not None:
+                focal, centre = view.intrinsics_prior
+                out[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
+        return out
+
+    @property
     def errors_of_points(self) -> tuple[DirectEffect, ...]:
         """Noise of the images, view by view, and manufacturing errors of the fiducials, if there are any: what each
         point has of its own."""

@@ -247,17 +247,6 @@ def resect_reprojection(points: Array, images: Array) -> Array:
     return np.where((moved <= RESTLESS_PX * scale)[..., None, None], scale_to_depth(projection, points), np.nan)
 
 
-def precisions(system: System) -> Array:
-    """(V, 3) px^2: variance of a fiducial's image over that of each intrinsic; 0 where nothing is known beforehand, or
-    the estimator does not weigh it."""
-    out = np.zeros((len(system.views), 3))
-    for v, view in enumerate(system.views):
-        if system.estimator.traits.takes_prior and view.intrinsics_prior is not None:
-            focal, centre = view.intrinsics_prior
-            out[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
-    return out
-
-
 def estimate_views(system: System, assumed: Array, images: Array, errors: Array | None = None) -> Array:
     """The projections that the system's estimator makes of its fiducials' images; leading dimensions are a batch.
 
@@ -265,7 +254,7 @@ def estimate_views(system: System, assumed: Array, images: Array, errors: Array 
     they are exact.  Returns (..., V, 3, 4), ``|P[2, :3]| = 1``.
     """
     traits = system.estimator.traits
-    known = precisions(system)[:, : traits.free_intrinsics]
+    known = system.prior_precisions[:, : traits.free_intrinsics]
     projections = []
     for v, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
         points, seen = assumed[..., weights > 0, :], images[..., v, :, :][..., weights > 0, :]
@@ -286,7 +275,7 @@ def row_weights(system: System, projections: Array, assumed: Array, point: Array
     """
     traits = system.estimator.traits
     free = traits.free_intrinsics
-    known, out = precisions(system)[:, :free], np.empty((len(system.views), 2, 2))
+    known, out = system.prior_precisions[:, :free], np.empty((len(system.views), 2, 2))
     for v, (view, projection, seen) in enumerate(zip(system.views, projections, system.sees, strict=True)):
         used = assumed[seen > 0]
         camera = split(projection)

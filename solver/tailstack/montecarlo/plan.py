@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutOfRangeError, Problem
-from ..estimation.least_squares import precisions, weights_at_rest
+from ..estimation.least_squares import weights_at_rest
 from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
@@ -433,7 +433,7 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
     positions = np.array([t.position_mm for t in system.targets])
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
     out = np.block([[frame.out, frame.centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-    cameras, intrinsics, known = [], [], precisions(system)
+    cameras, intrinsics, known = [], [], system.prior_precisions
     for v, view in enumerate(system.views):
         origin = images_of(view.projection, system.fiducials_mm).mean(axis=0)
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])

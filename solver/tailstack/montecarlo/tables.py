@@ -99,7 +99,7 @@ class Tables(NamedTuple):
         Array  # (V, 11) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
     )
     # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point;
-    # and the precision of each of these three as a prior has it, px^2 (``least_squares.precisions``)
+    # and the precision of each of these three as a prior has it, px^2 (``System.prior_precisions``)
     target_images: Array  # (T, V, 2) px from the same origin
     row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
     noise: Array  # (V, 2, 3) px, of fiducials, targets: u by its deviate, v by that of u and by its own

@@ -16,7 +16,6 @@ from typing import NamedTuple, assert_never
 import numpy as np
 
 from ..errors import IllPosedError, Problem
-from ..estimation.least_squares import precisions
 from ..estimation.resection import project
 from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, carry, displacement, move_at, undo
@@ -266,7 +265,7 @@ def estimation_of(system: System) -> Estimation:
     return Estimation(
         system.estimator.traits.unknowns,
         int(system.triangulation.traits.weighing),
-        precisions(system),
+        system.prior_precisions,
         np.array([(view.fiducial_noise_px, view.target_noise_px) for view in system.views]),
         factors_of(system),
     )
