@@ -16,7 +16,7 @@ from pydantic import Field
 
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, with_law
 from ..geometry.arrays import frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import Meant
 from ..system import Act, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of

@@ -12,7 +12,7 @@ from tailstack.design import load_design
 from tailstack.effects import EFFECTS, EffectKind
 from tailstack.errors import DesignError
 from tailstack.fields import Record, Typical, domain_of
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 
 SIZE_PX = 1600
 TRIES = 20

@@ -23,7 +23,7 @@ from .contributors import ErrorLaw, error_law, law_of, risk_of_units, unit_for_p
 from .design.consistency import list_declared
 from .design.document import DesignDocument
 from .geometry.arrays import Array
-from .levels import Drawn
+from .laws import Drawn
 from .propagation.linear import Block, ErrorModel, with_perfect_fiducials
 from .results import Contributor, Lever
 from .results.score import How

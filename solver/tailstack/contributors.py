@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
-from .levels import Drawn
+from .laws import Drawn
 from .propagation.linear import Block, ErrorModel
 from .system import Law, Requirement
 from .tail.assembling import KIND, assemble_law, assemble_pair

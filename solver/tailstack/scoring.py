@@ -22,7 +22,7 @@ from .estimation.checks import examine
 from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
-from .levels import Drawn
+from .laws import Drawn
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
 from .measures.measure import Site

@@ -22,9 +22,8 @@ from .geometry.arrays import Array, frozen
 from .geometry.arrays import ArrayLike as ArrayLike
 from .geometry.rotation import RotationForm
 from .geometry.weighing import Weighing as Weighing
+from .laws import Drawn, count_sigmas, level_of
 from .laws import Law as Law
-from .laws import count_sigmas
-from .levels import Drawn, level_of
 from .measures import MEASURE, Metric, derived_of, metrics_of
 from .measures.measure import Channel, MeasuredBody
 from .statistic import STATISTIC, Mixture, Statistic, write_text

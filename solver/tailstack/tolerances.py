@@ -29,7 +29,7 @@ from .fields import (
     with_law,
 )
 from .geometry.arrays import Array, frozen
-from .levels import Drawn
+from .laws import Drawn
 from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM, AnySize
 from .system import TORSOR_COMPONENTS, Law, Sources, correlate, no_sources
 

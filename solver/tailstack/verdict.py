@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Literal
 
-from .levels import level_of
+from .laws import level_of
 from .results import ERRORS, Check, Finding, Interval, Verdict
 from .results.digits import decimals_of, in_percent, length
 from .results.verdicts import name_all, name_basis

@@ -21,7 +21,7 @@ from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
 from .kernels.process import usable_cores
-from .levels import Drawn
+from .laws import Drawn
 from .losses import LossSearch
 from .measures import MEASURE, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION

@@ -31,7 +31,7 @@ from tailstack.effects import EFFECTS, EffectKind
 from tailstack.effects.kind import Excess
 from tailstack.errors import DesignError
 from tailstack.fields import describe_fields
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice

@@ -25,7 +25,7 @@ from scenes import every_effect, with_effects
 from tailstack import load_design, score, verify
 from tailstack.effects import EFFECTS
 from tailstack.fields import INTERFACES, Typical
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.montecarlo.chain import draw, evaluate
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise

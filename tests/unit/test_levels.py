@@ -22,7 +22,7 @@ from plain_data import DEMO, EXAMPLES
 from scenes import cube8_system, mount, with_noise
 from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
-from tailstack.levels import RISKS, Drawn
+from tailstack.laws import RISKS, Drawn
 from tailstack.montecarlo.chain import draw
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation import optimise
@@ -32,7 +32,7 @@ from tailstack.scoring import score
 from tailstack.system import Law, Requirement, System
 from tailstack.verification import verify
 
-LEVELS = Path(tailstack.__file__).with_name("levels.py")
+LAWS = Path(tailstack.__file__).with_name("laws.py")
 EXAMPLE = EXAMPLES / "gallery" / "per_unit_limit.yaml"
 DEGREES = np.deg2rad(1.0)
 
@@ -172,7 +172,7 @@ def test_the_optimiser_names_what_it_cannot_draw_again() -> None:
 
 ONE_MORE = """
 import json, sys, types
-module = sys.modules["tailstack.levels"] = types.ModuleType("tailstack.levels")
+module = sys.modules["tailstack.laws"] = types.ModuleType("tailstack.laws")
 exec(sys.stdin.read(), module.__dict__)
 from test_levels import read_as
 print(json.dumps([read_as(level) for level in ("mounting", "week")]))
@@ -198,7 +198,7 @@ def read_as(level: str) -> dict[str, Any]:
 def test_one_level_more_is_one_value() -> None:
     """A week between mounting and shot: judged by each week, a clip drawn weekly is one drawn at each mounting, digit
     by digit; only the words differ."""
-    source = LEVELS.read_text(encoding="utf-8")
+    source = LAWS.read_text(encoding="utf-8")
     with_weeks = source.replace('    SHOT = "shot"', '    WEEK = "week"\n    SHOT = "shot"')
     assert len(with_weeks.splitlines()) == len(source.splitlines()) + 1
     places = os.pathsep.join([str(Path(__file__).parent), *sys.path])

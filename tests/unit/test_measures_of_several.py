@@ -18,7 +18,7 @@ from plain_data import DEMO, EXAMPLES, problems_of, read_cases
 from scenes import random_system
 from tailstack import load_design, score, verify
 from tailstack.design import compile_design
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.measures.measure import MeasuredBody
 from tailstack.measures.rigid_fit import fit_turn, turn_weights
 from tailstack.montecarlo.chain import draw, evaluate, measure_errors, run_indices

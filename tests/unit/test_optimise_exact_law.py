@@ -23,7 +23,7 @@ from optimise_scenes import (
 from scenes import cube_fiducials, mount, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import Evaluation, closed_form_at, correction_at, evaluate_demand
 from tailstack.optimisation.placement import PlacementSolution, settle

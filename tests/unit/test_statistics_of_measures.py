@@ -15,7 +15,7 @@ import pytest
 import reference_chain
 from scenes import random_system
 from tailstack.geometry.arrays import Array
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.measures.measure import Channel, MeasuredBody
 from tailstack.results.quality import ppk_of, quality_table, sigma_level
 from tailstack.scoring import score

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 from typing import TYPE_CHECKING
 
-from tailstack.levels import level_of
+from tailstack.laws import level_of
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
 from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of

@@ -13,7 +13,7 @@ from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, risk_of_units, unit_for_people
 from tailstack.design import Design, design_to_data
 from tailstack.geometry.arrays import Array
-from tailstack.levels import Drawn, level_of
+from tailstack.laws import Drawn, level_of
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import ChainPlan

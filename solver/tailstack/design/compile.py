@@ -19,7 +19,7 @@ from ..estimation.checks import direction_name, examine, point_name
 from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import depths
-from ..levels import Drawn
+from ..laws import Drawn
 from ..measures import MEASURE, Metric
 from ..measures.measure import DRAWN_ANEW, TWO_SHOTS, MeasuredBody
 from ..results import Finding, ViewCheck

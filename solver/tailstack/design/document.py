@@ -61,7 +61,7 @@ from ..fields import (
 )
 from ..geometry.arrays import Array
 from ..geometry.rotation import RotationForm
-from ..levels import RISKS, Drawn
+from ..laws import RISKS, Drawn
 from ..measures import MEASURE, STATED, StatedName
 from ..ranges import (
     BEAD_PLACE_MM,

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ..fields import Length, Record, Typical, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import image_of
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import BALL_MM
 from ..system import Act, ArrayLike, Effect, Place, Scene, System, no_sources
 from .kind import Doubt, EffectKind, PlausibilityTest, Setting

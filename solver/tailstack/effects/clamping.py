@@ -28,7 +28,7 @@ from ..fields import (
     with_law,
 )
 from ..geometry.arrays import frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import BEAD_PLACE_MM, DRILLING_SCALE, SEAT_DEG
 from ..system import Act, ArrayLike, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import HowOften, Tolerances, coverage_of, level_field

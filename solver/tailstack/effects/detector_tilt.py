@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from ..fields import Degrees, Record, Typical, leave_out_later, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import intrinsics_of
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import TILT_DEG
 from ..system import Act, Effect, Place, Scene, Sources, System
 from ..tolerances import HowOften, RotationTolerance, compile_sources, level_field

@@ -24,7 +24,7 @@ from ..fields import (
 )
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import FIELD_PX
 from ..system import Act, ArrayLike, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import HowOften, coverage_of, level_field

@@ -23,7 +23,7 @@ from ..fields import (
     with_law,
 )
 from ..geometry.arrays import frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import FOOT_ERROR_PX, SHARE
 from ..system import INTRINSICS, DirectEffect, Effect, Place, Sources, System
 from ..tolerances import HowOften, Source, gather_sources, level_field

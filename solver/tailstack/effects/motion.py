@@ -11,7 +11,7 @@ from pydantic import Field
 
 from ..fields import Point, Record, Typical, leave_out_later
 from ..geometry.arrays import frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import MOTION_DEG, MOTION_MM
 from ..system import DirectEffect, Effect, Place, Sources, System
 from ..tolerances import HowOften, Tolerances, level_field

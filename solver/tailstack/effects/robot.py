@@ -44,7 +44,7 @@ from ..fields import (
 )
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import carry, move_at, rigid_transform, screw, undo
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import JOINT_SD_DEG, LINK_SD_DEG, LINK_SD_MM, AnySize
 from ..system import Act, Effect, Place, Scene, System
 from ..tolerances import HowOften, Source, gather_sources, level_field

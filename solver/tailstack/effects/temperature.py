@@ -23,7 +23,7 @@ from ..fields import (
     with_law,
 )
 from ..geometry.arrays import frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..ranges import DIFFERENCE_K, EXPANSION
 from ..system import Act, ArrayLike, Effect, Place, Scene, Sources, System
 from ..tolerances import HowOften, Source, gather_sources, level_field

@@ -26,7 +26,7 @@ from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.arrays import Array
 from ..geometry.rotation import torsor_transform, transform_points
-from ..levels import BETWEEN_SHOTS
+from ..laws import BETWEEN_SHOTS
 from ..measures.measure import Site
 from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size

@@ -45,8 +45,7 @@ from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
 from ..geometry.rotation import RotationForm, carry, undo
-from ..laws import SUMS
-from ..levels import Drawn
+from ..laws import SUMS, Drawn
 from ..system import Act, Effect, Law, Place, Reading, Sources, System, Target, View, Weighing, std_per_half_width
 from .tables import (
     BY_IMAGES,

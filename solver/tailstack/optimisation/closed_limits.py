@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from ..contributors import WorstCase, columns_of
 from ..geometry.arrays import Array
-from ..levels import Drawn
+from ..laws import Drawn
 from ..propagation.linear import ErrorModel
 from ..system import Law
 from ..tail.approximation import KAPPA4, KAPPA6, columns_in_cumulants, pearson_square

@@ -19,7 +19,7 @@ from tailstack.fields import INTERFACES
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..levels import Drawn
+from ..laws import Drawn
 from ..propagation.linear import ErrorModel, chain_of, effects_of_images, with_perfect_fiducials
 from ..results import Finding
 from ..results.digits import at_least, at_most, number

@@ -14,7 +14,7 @@ import numpy as np
 from ..design.drawn import DrawnValues
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
-from ..levels import Drawn
+from ..laws import Drawn
 from ..measures import MEASURE, POINTS
 from ..measures.measure import Measure, Site
 from ..propagation.linear import effects_of_images, estimator_geometry, imaging_of

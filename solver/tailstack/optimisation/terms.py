@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..design.drawn import DrawnValues
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
-from ..levels import Drawn
+from ..laws import Drawn
 from ..propagation.linear import (
     UNJUDGED,
     Block,

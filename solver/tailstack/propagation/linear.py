@@ -19,7 +19,7 @@ from ..errors import IllPosedError, Problem
 from ..estimation.resection import project
 from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, carry, displacement, move_at, undo
-from ..levels import Drawn
+from ..laws import Drawn
 from ..measures import POINTS
 from ..measures.measure import Measure, Site
 from ..system import Act, ArrayLike, Effect, Law, Place, Reading, System, Target, Way

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, NamedTuple, TypeVar
 
-from ..levels import Drawn, level_of
+from ..laws import Drawn, level_of
 from ..measures import MEASURE, MeasureName
 from ..statistic import STATISTIC, StatisticName, write_text
 from .digits import decimals_of, in_percent, length

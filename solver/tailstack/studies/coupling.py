@@ -24,7 +24,7 @@ from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyE
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
-from ..levels import BETWEEN_SHOTS, Drawn
+from ..laws import BETWEEN_SHOTS, Drawn
 from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, compile_plan

@@ -21,7 +21,7 @@ import numpy as np
 from ..design import Design, check_design
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array
-from ..levels import Drawn
+from ..laws import Drawn
 from ..measures import MEASURE
 from ..measures.measure import MeasuredBody, Site
 from ..measures.rigid_fit import (

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tailstack.geometry.arrays import Array
-from tailstack.levels import Drawn
+from tailstack.laws import Drawn
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
 from tailstack.montecarlo.radial import RadialEstimate

@@ -18,7 +18,7 @@ from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
 from ...estimation.checks import check_geometry
 from ...geometry.arrays import Array
 from ...kernels.process import usable_cores
-from ...levels import Drawn
+from ...laws import Drawn
 from ...measures import POINT_ERRORS, PointError
 from ...montecarlo.chain import draw, evaluate, standard_normals
 from ...montecarlo.plan import ChainPlan, compile_plan
