@@ -24,7 +24,6 @@ from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
-from .losing import LossGains, Ranking, Rest, lose, rank
 from .measures import MEASURE
 from .propagation.linear import (
     Chain,
@@ -38,12 +37,12 @@ from .propagation.linear import (
     models_of,
     shift_together,
 )
-from .propagation.noise import gains_of_images
+from .propagation.noise import LossGains, gains_of_images, lose
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
 from .results.verdicts import P95
 from .system import Effect, System, Way
-from .tail.approximation import columns_in_cumulants
+from .tail.approximation import Ranking, Rest, columns_in_cumulants, rank_losses
 from .tail.assembling import BOUNDED
 from .tail.bounded import worst_case
 from .tail.declared import (
@@ -475,7 +474,7 @@ class LossSearch:
             which = [self.joined.get((name, error, end), self.place.get(name, 0)) for name in targets]
             ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
             rest = self._rest(error, quantile, targets, end)
-            rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
+            rank_losses(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
             rooms = [None if MEASURE[error].side else self.metrics[name, error].site.room for name in targets]
             spare = [0.0 if room is None else room[3 * end : 3 * end + 2].min() for room in rooms]
             each.append(ranking._replace(quantile=np.maximum(ranking.quantile - np.array(spare)[:, None], 0.0)))

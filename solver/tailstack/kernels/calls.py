@@ -46,8 +46,8 @@ _TABLE = {
         2.0 tail.gaussian.norm_quantiles        f f2 f2
         4.7 propagation.noise.assemble          {_IMAGING} f2 f1 f3 f2 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        5.0 losing.lose                         {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
-        1.0 losing.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
+        5.0 propagation.noise.lose              {_IMAGING} f2 f4 b1 f4 f1 f3 (f4 f4)
+        1.0 tail.approximation.rank_losses      f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
         0.3 tail.per_unit.position_of           f1 i f
         0.2 tail.per_unit.average_at            f1 i f
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1

@@ -34,8 +34,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
+from numpy.typing import NDArray
 
-from ..geometry.arrays import ArrayLike
+from ..geometry.arrays import Array, ArrayLike
 from ..geometry.weighing import Weighing
 from ..kernels.store import kernel
 
@@ -735,3 +736,70 @@ def gains_of_images(
     fill = assemble_jit if kind == np.float64 else assemble
     fill(imaging, weights, aim, shifts, columns, row_weights)
     return columns, row_weights
+
+
+# --- without some fiducials -------------------------------------------------------------------------------
+
+
+class LossGains(NamedTuple):
+    """The S ways to lose so many fiducials, and what is left of the gains of the images at P places: at each target in
+    mm, con, then of each measure that joins several in its own unit and frame.
+    """
+
+    kept: Array  # (S, N) 0 of what is lost, otherwise 1
+    imaged: Array  # (P, S, 3, 3) mm^2: covariance of what acts through single images, and of believed intrinsics
+    moved: Array  # (P, S, 3, K + G) mm: by each source that moves images together, then by all that is known
+
+
+@kernel(nogil=True)
+def lose(
+    imaging: Imaging,
+    aims: Array,
+    joints: Array,
+    apart: NDArray[np.bool_],
+    shifts: Array,
+    std: Array,
+    weights: Array,
+    gains: tuple[Array, Array],
+) -> None:
+    """Fill the arrays of ``LossGains``.
+
+    aims (T, 3) mm: the targets, reconstructed without noise; joints (P - T, T, 3, 3): what a displacement of each does
+    to the measures that join several; apart (M,): which sources each target has of its own; shifts (T, V, 2 N + 2, C)
+    px as ``assemble`` takes them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's
+    estimate uses a fiducial; gains: imaged and moved.
+    """
+    imaged, moved = gains
+    targets = aims.shape[0]
+    each, row_weights = np.zeros((targets, 3, std.size + moved.shape[3])), np.zeros((weights.shape[1], 2, 2))
+    joined = np.zeros((targets + 1, 3, std.size + moved.shape[3]))  # what is common, then what each target has
+    eliminated = room_for(weights.shape[1], imaging.points)
+    for s in range(weights.shape[0]):
+        eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights[s], eliminated)
+        for t in range(targets):
+            assemble_after(eliminated, imaging, weights[s], aims[t], shifts[t], each[t], row_weights)
+            _sum_columns(each[t : t + 1], std, imaged[t, s], moved[t, s])
+        for j in range(joints.shape[0]):
+            joined[:] = 0.0
+            for t in range(targets):
+                for k in range(each.shape[2] if joints[j, t].any() else 0):
+                    at = t + 1 if k < std.size and apart[k] else 0
+                    for a in range(3):
+                        for b in range(3):
+                            joined[at, a, k] += joints[j, t, a, b] * each[t, b, k]
+            _sum_columns(joined, std, imaged[targets + j, s], moved[targets + j, s])
+
+
+@kernel()
+def _sum_columns(columns: Array, std: Array, imaged: Array, moved: Array) -> None:
+    """Fill imaged (3, 3) and moved (3, K + G); columns (J, 3, M + K + G): those of the first alone move together."""
+    for a in range(3):
+        for k in range(moved.shape[1]):
+            moved[a, k] = columns[0, a, std.size + k]
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(columns.shape[0]):
+                for n in range(std.size):
+                    total += columns[j, a, n] * std[n] * (columns[j, b, n] * std[n])
+            imaged[a, b] = total
+            imaged[b, a] = total

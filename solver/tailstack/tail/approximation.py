@@ -31,14 +31,14 @@ quantile is again Pearson's, of cumulants that are polynomials in Q, and a quant
 Within 0.7 % rms, -3.5 ... +3.7 % at worst, of ``per_unit.read_units`` over 400 random laws with Gaussian shots
 (shot / installation 0.05 ... 5, p 0.90 ... 0.99, fraction 0.80 ... 0.99).  Shots count as Gaussian.
 
-Everything here is + - * / and ``** 0.5``: floats, arrays of them and CasADi SX alike.
+Everything but the ranking of losses is + - * / and ``** 0.5``: floats, arrays of them and CasADi SX alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -46,6 +46,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from ..laws import PARTS, SUMS
 
 THIRD_OF_ROOT_2 = sqrt(2) / 3
@@ -202,3 +203,78 @@ def unit_quantile_squared(
     metric = _mix(identity, _mix(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
     moment = _moment_at_quantile(fraction, metric, mean, installation, columns)
     return pearson_square(*shot_cumulants(moment), float(ndtri(p)))
+
+
+# --- which loss of fiducials is the worst -----------------------------------------------------------------
+
+
+class Rest(NamedTuple):
+    """What of the law of an error no loss changes, at T sites."""
+
+    to_error: Array  # (T, 3, 3) from the frame of ``noise.LossGains`` to the error's
+    beyond: Array  # (T, 3, K + G) mm: what these do beyond the images
+    std: Array  # (K,) of these sources
+    mean: Array  # (T, 3) mm: less what comes through the images
+    covariance: Array  # (T, 3, 3) mm^2
+    by_second: Array  # (T,) mm^4: what columns that are not normal add to cumulants (``columns_in_cumulants``)
+    by_third: Array  # (T,) mm^6
+    shape: Array  # (T, 3, 3) mm^4
+
+
+class Ranking(NamedTuple):
+    """Losses at targets by Pearson's form, of manufacturing errors as if they were Gaussian."""
+
+    quantile: Array  # (T, S) mm; inf where nothing is determined
+    cumulants: Array  # (T, S, 3) of the square of the error
+    covariance: Array  # (T, S, 3, 3) mm^2
+
+
+@kernel(nogil=True)
+def rank_losses(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) -> None:
+    """Fill the ranking of losses; imaged, moved: of ``noise.LossGains``; z: the standard normal quantile."""
+    turned, mean, step = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for t in range(imaged.shape[0]):
+        turn, shape = rest.to_error[t], rest.shape[t]
+        for s in range(imaged.shape[1]):
+            total = ranking.covariance[t, s]
+            for a in range(3):
+                mean[a] = rest.mean[t, a]
+                for b in range(3):
+                    turned[a, b] = 0.0
+                    for c in range(3):
+                        turned[a, b] += turn[a, c] * imaged[t, s, c, b]
+            for a in range(3):
+                for b in range(3):
+                    total[a, b] = rest.covariance[t, a, b]
+                    for c in range(3):
+                        total[a, b] += turned[a, c] * turn[b, c]
+            for k in range(rest.beyond.shape[2]):
+                for a in range(3):
+                    step[a] = rest.beyond[t, a, k]
+                    for c in range(3):
+                        step[a] += turn[a, c] * moved[t, s, c, k]
+                if k >= rest.std.size:
+                    mean += step
+                else:
+                    for a in range(3):
+                        for b in range(3):
+                            total[a, b] += step[a] * rest.std[k] * (step[b] * rest.std[k])
+            c1, c2, c3 = 0.0, rest.by_second[t], rest.by_third[t]
+            for a in range(3):
+                along = 0.0  # of S m
+                c1 += total[a, a] + mean[a] * mean[a]
+                for b in range(3):
+                    square = 0.0  # of S S
+                    for c in range(3):
+                        square += total[a, c] * total[c, b]
+                    along += total[a, b] * mean[b]
+                    c3 += square * total[b, a] + shape[a, b] * (total[b, a] + mean[a] * mean[b])
+                    c2 += total[a, b] * total[b, a]
+                c2 += 2.0 * mean[a] * along
+                c3 += 3.0 * along * along
+            # of an error that does not vary the quantile is the error itself; NaN, of what is not determined, is not 0
+            square = c1 if c2 == 0.0 else pearson_square(c1, c2, c3, z) if c2 > 0.0 else np.nan
+            ranking.quantile[t, s] = sqrt(square) if 0.0 <= square < np.inf else np.inf
+            ranking.cumulants[t, s, 0] = c1
+            ranking.cumulants[t, s, 1] = c2
+            ranking.cumulants[t, s, 2] = c3
