@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from .contributors import error_law
 from .design import Design, compile_design, design_to_data, load_design
 from .design.bead_noise import BeadNoise
-from .design.cameras import detector_distances
 from .design.document import Interface
+from .design.frames import find_detector
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .design.refusals import escape
@@ -326,7 +326,8 @@ class Batch:
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
             self.base = base_numbers(system)
-            self.validity_bounds = ValidityBounds.of(system, detector_distances(self.design))
+            detectors = np.array([find_detector(view) for view in self.design.document.views])
+            self.validity_bounds = ValidityBounds.of(system, detectors)
         effects = (*system.shared_image_errors, *(each for each in system.believed_errors if each is not None))
         named = {**{link.name: link for link in system.links}, **{effect.label: effect for effect in effects}}
         bounded = [name for name, effect in named.items() if effect.sources.are_bounded.any()]

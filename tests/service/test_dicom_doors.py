@@ -19,7 +19,7 @@ from service_scenes import EXAMPLES, client_of, small_design
 from dicom_files import PATIENT, write_image
 from plain_data import read_cases
 from tailstack import load_design, score
-from tailstack.design.cameras import find_detector
+from tailstack.design.frames import find_detector
 from tailstack_service.cli.main import main
 
 AP = write_image(PositionerPrimaryAngle="0", PositionerSecondaryAngle="0")

@@ -38,7 +38,6 @@ from ..system import (
     no_sources,
 )
 from ..tolerances import Source, coverage_of, gather_sources
-from .cameras import compile_view, detector_distances
 from .consistency import describe_condition, expand_target, find_pivots
 from .document import (
     DesignDocument,
@@ -50,7 +49,7 @@ from .document import (
 )
 from .features import MOTIONS, ROUND, Feature, FittedFeature, Part
 from .fiducial_files import list_notes
-from .frames import compile_transform, read_surface_of
+from .frames import compile_transform, compile_view, find_detector, read_surface_of
 from .loading import Design, list_assumed
 from .meanings import WrittenPoints, explain_places
 from .optimise_document import surfaces_in
@@ -329,7 +328,8 @@ def refuse_behind_detector(
     """A distance to the detector is known for aimed views only; the System no longer holds it."""
     points = np.concatenate([fiducials, [target.position_mm for target in targets]])
     labels = design.fiducials.labels
-    for index, (compiled, detector) in enumerate(zip(views, detector_distances(design).tolist(), strict=True)):
+    detectors = map(find_detector, design.document.views)
+    for index, (compiled, detector) in enumerate(zip(views, detectors, strict=True)):
         depth = depths(compiled.projection, points)
         if compiled.sees is not None:
             depth[: len(labels)][[label not in compiled.sees for label in labels]] = -np.inf

@@ -25,7 +25,6 @@ from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotat
 from ..ranges import DETECTOR_MM, ISOCENTRE_MM
 from ..system import View
 from ..units import OTHER_LENGTHS as UNITS
-from .cameras import compile_view, find_detector
 from .consistency import expand_target
 from .document import (
     DesignDocument,
@@ -34,7 +33,7 @@ from .document import (
     PinholeView,
     PresetView,
 )
-from .frames import compile_transform
+from .frames import compile_transform, compile_view, find_detector
 from .presets import PRESETS
 
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}

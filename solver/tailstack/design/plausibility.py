@@ -29,7 +29,6 @@ from ..tables import read_table
 from ..tolerances import Bias
 from ..units import OTHER_LENGTHS
 from .bead_noise import BeadNoise
-from .cameras import find_detector
 from .document import (
     DesignDocument,
     DistanceView,
@@ -39,6 +38,7 @@ from .document import (
     Region,
     TargetDocument,
 )
+from .frames import find_detector
 from .loading import Design
 from .meanings import (
     ARMS_MM,
