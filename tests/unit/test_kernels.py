@@ -383,12 +383,12 @@ def test_every_kernel_is_kept_by_its_sources() -> None:
 def test_a_kernel_that_was_called_came_from_the_store_or_went_there() -> None:
     import numpy as np
 
-    from tailstack.geometry.spectrum import eigen_symmetric
+    from tailstack.kernels.numerics import eigen_symmetric
 
     eigen_symmetric(np.eye(3))
     assert store.TRAFFIC.loaded + store.TRAFFIC.compiled > 0
     kept = [one for one in store.stored_kernels(store.writable_directory()) if one.current]
-    assert "geometry.spectrum.eigen_symmetric" in {one.name for one in kept}
+    assert "kernels.numerics.eigen_symmetric" in {one.name for one in kept}
     assert all(one.sound for one in kept)
     assert not any(" at 0x" in one.signature for one in kept)  # an address names nothing in another process
 

@@ -16,8 +16,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from laws import norm_cvar
-from tailstack.geometry.spectrum import eigen_symmetric, principal_axes
-from tailstack.tail.elementary import exponential, share_lost, sine_and_cosine
+from tailstack.kernels.numerics import eigen_symmetric, exponential, principal_axes, share_lost, sine_and_cosine
 from tailstack.tail.gaussian import (
     law_on_axes,
     norm_cdf,

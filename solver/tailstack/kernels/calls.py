@@ -52,7 +52,7 @@ _TABLE = {
         0.2 tail.per_unit.average_at            f1 i f
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
-        0.3 geometry.spectrum.eigen_symmetric   f2
+        0.3 kernels.numerics.eigen_symmetric    f2
         0.7 tail.lattice.ball_sums              f i f1 f1
         0.8 tail.declared.probabilities_within  f1 i f1 f1
         0.5 tail.gaussian.tail_nodes            f b f1 f1
@@ -60,7 +60,7 @@ _TABLE = {
         0.4 tail.gaussian.law_on_axes           f1 f1 f
         0.3 tail.declared.split_columns         f2 i1
         0.3 tail.lattice.reach_of               {_FRAME} f
-        0.3 geometry.spectrum.principal_axes    f1 f2
+        0.3 kernels.numerics.principal_axes     f1 f2
         0.2 tail.gaussian.brought_near          f1 f1
         0.2 tail.declared.column_slopes         f1 f2 f2
         0.1 tail.gaussian.norm_mean_jit         f1 f2

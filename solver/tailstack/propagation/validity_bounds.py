@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..estimation.resection import COPLANAR, NO_PARALLAX, SINGULAR, THICK, TOUCHING_MM
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of, sines_between_rays
-from ..geometry.spectrum import eigen_symmetric
 from ..geometry.weighing import Weighing
+from ..kernels.numerics import eigen_symmetric
 from ..kernels.store import kernel
 from .noise import Eliminated, eliminate_views, mean_rows, room_for
 

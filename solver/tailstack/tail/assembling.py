@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.spectrum import VANISHING_MM
+from ..kernels.numerics import VANISHING_MM
 from ..kernels.store import kernel
 from ..laws import SUMS, Law
 

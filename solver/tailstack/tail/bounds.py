@@ -38,9 +38,9 @@ from math import sqrt
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.spectrum import law_iv, principal_axes
+from ..kernels.numerics import principal_axes
 from ..results import Bounds
-from .gaussian import norm_quantile, probability_iv
+from .gaussian import law_iv, norm_quantile, probability_iv
 
 _GAUSS = (1.0, 4 / 9, 1 / 2, 0.4 ** (2 / 3))  # by how many directions the error varies in
 

@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..geometry.arrays import Array
-from ..geometry.spectrum import principal_axes
+from ..kernels.numerics import principal_axes, sine_and_cosine
 from ..kernels.store import kernel
 from ..laws import PARTS, SUMS
 from .approximation import pearson_square
-from .elementary import sine_and_cosine
 from .gaussian import (
     cumulant,
     gaussian_cumulants,

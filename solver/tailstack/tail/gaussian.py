@@ -44,15 +44,14 @@ from math import cos, exp, fabs, log, log1p, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import wofz
 
 from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
-from ..geometry.spectrum import law_iv, principal_axes
+from ..kernels.numerics import eigen_symmetric, exponential, principal_axes, share_lost, sine_and_cosine
 from ..kernels.store import kernel
 from .approximation import pearson_square
-from .elementary import exponential, share_lost, sine_and_cosine
 from .lattice import sum_of_products
 
 Complex = NDArray[np.complex128]
@@ -61,6 +60,8 @@ MAX_NODES = 1024
 _LANES = 8  # nodes are computed so many at a time
 _SLOPE = 0.85  # of the asymptotes: at 1 a Gaussian factor stops decaying far out, at 0.5 the nodes double
 AGREEMENT = 3e-8  # of two successive steps: the finer one, twice as many digits, is at rounding
+SYMMETRY_TOLERANCE = 1e-9  # of the largest entry
+PSD_TOLERANCE = 1e-9  # of the largest eigenvalue: what products like J S J^T leave behind, with a margin
 
 
 class Path(NamedTuple):
@@ -427,6 +428,34 @@ def norm_gradient_jit(mean: Array, covariance: Array, p: float) -> tuple[float, 
     turned = vectors @ local_s @ vectors.T
     ds[:] = 0.5 * scale * (turned + turned.T)
     return shift + r, 2.0 * r * density * exp(nodes.log_factor), dm, ds
+
+
+def law_iv(mean: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
+    """Check a mean (3,) mm and a covariance (3, 3) mm^2 and return them as contiguous float arrays.
+
+    Raises ValueError naming the rule that is broken and what arrived.
+    """
+    mean = np.ascontiguousarray(mean, dtype=np.float64)
+    covariance = np.ascontiguousarray(covariance, dtype=np.float64)
+    if mean.shape != (3,):
+        raise ValueError(f"mean must have shape (3,), got {mean.shape}")
+    if covariance.shape != (3, 3):
+        raise ValueError(f"covariance must have shape (3, 3), got {covariance.shape}")
+    if not np.isfinite(mean).all():
+        raise ValueError(f"mean must be finite, got {mean.tolist()}")
+    if not np.isfinite(covariance).all():
+        raise ValueError(f"covariance must be finite, got {covariance.tolist()}")
+    if np.abs(covariance - covariance.T).max() > SYMMETRY_TOLERANCE * np.abs(covariance).max():
+        raise ValueError(
+            f"covariance must be symmetric to {SYMMETRY_TOLERANCE:g} of its largest entry, got {covariance.tolist()}"
+        )
+    values, _, _ = eigen_symmetric(covariance)
+    if values[2] < -PSD_TOLERANCE * max(values[0], 0.0):
+        raise ValueError(
+            f"covariance must be positive semidefinite; its smallest eigenvalue is {values[2]:.3g}, "
+            f"its largest {values[0]:.3g}"
+        )
+    return mean, covariance
 
 
 def probability_iv(p: float) -> float:

@@ -28,9 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.spectrum import principal_axes
+from ..kernels.numerics import exponential, principal_axes, sine_and_cosine
 from ..kernels.store import kernel
-from .elementary import exponential, sine_and_cosine
 
 SMALL_BOX = 1e3  # lattice points below which the plain bound of the extent is cheaper than the search for the true one
 _LANES = 8  # lines are computed to a multiple of this, so that no loop ends in single steps

@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..geometry.arrays import Array
-from ..geometry.spectrum import principal_axes
+from ..kernels.numerics import principal_axes
 from ..kernels.store import kernel
 from ..laws import shape_deviates
 from .approximation import pearson_square

@@ -25,7 +25,7 @@ from scipy.special import ndtr, ndtri
 
 from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
-from ..geometry.spectrum import principal_axes
+from ..kernels.numerics import principal_axes
 
 RANDOMISATIONS = 16
 MOST_EXPLICIT = 32  # columns that are sampled; of more, the shortest are taken as Gaussian
