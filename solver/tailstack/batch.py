@@ -40,6 +40,7 @@ from .errors import Problem, TailstackError, describe_refusal
 from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, domain_of
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
+from .laws import BOUNDED, KIND
 from .measures import MEASURE
 from .propagation.linear import (
     LinearModel,
@@ -70,7 +71,6 @@ from .system import (
     put_mounts,
     std_per_half_width,
 )
-from .tail.assembling import BOUNDED, KIND
 from .tail.declared import accuracy_for
 from .verdict import conclude
 

@@ -23,12 +23,11 @@ from .contributors import ErrorLaw, error_law, law_of, risk_of_units, unit_for_p
 from .design.consistency import list_declared
 from .design.document import DesignDocument
 from .geometry.arrays import Array
-from .laws import Drawn
+from .laws import NORMAL, Drawn
 from .propagation.linear import Block, ErrorModel, with_perfect_fiducials
 from .results import Contributor, Lever
 from .results.score import How
 from .system import ROTATIONS, TRANSLATIONS, Requirement
-from .tail.assembling import NORMAL
 from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile, law_summary
 
 LIGHT = 1e-2  # share s of variance below which a line is removed to first order: an error of about s^2, 1e-4 at most

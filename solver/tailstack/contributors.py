@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
-from .laws import Drawn
+from .laws import KIND, Drawn
 from .propagation.linear import Block, ErrorModel
 from .system import Law, Requirement
-from .tail.assembling import KIND, assemble_law, assemble_pair
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
 from .tail.declared import LawReading, LinearLaw
+from .tail.lattice import assemble_law, assemble_pair
 from .tail.per_unit import UnitRisk, unit_risk
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}

@@ -27,6 +27,7 @@ from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, IllPosedError, OutOfRangeError, Problem
 from .geometry.arrays import Array
+from .laws import BOUNDED, NORMAL
 from .losses import without_fiducials
 from .measures import MeasureName, Metric
 from .propagation.linear import Block, Chain, ErrorModel, LinearModel, chain_of, image_gains, join, linearise_at
@@ -34,7 +35,6 @@ from .results import FiducialWorth, Score
 from .results.verdicts import P95, Vector3, decisive_check
 from .scoring import score, vector3
 from .system import System, Way
-from .tail.assembling import BOUNDED, NORMAL
 from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
 
 COMPLEX_STEP = 1e-30

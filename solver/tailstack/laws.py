@@ -51,6 +51,8 @@ LAWS = {
 RANDOM = tuple(law for law in Law if law is not Law.BOUNDED)
 PARTS = {law: row.parts for law in Law if (row := LAWS[law]).parts is not None}
 SUMS = tuple(PARTS)  # a law's place here is its number in compiled code
+NORMAL, BOUNDED = -1, -2  # the numbers of the others there, which have no columns in a law
+KIND = {Law.NORMAL: NORMAL, Law.BOUNDED: BOUNDED} | {law: kind for kind, law in enumerate(SUMS)}
 
 
 def count_sigmas(law: Law) -> float:

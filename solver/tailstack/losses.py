@@ -24,6 +24,7 @@ from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
+from .laws import BOUNDED
 from .measures import MEASURE
 from .propagation.linear import (
     Chain,
@@ -43,7 +44,6 @@ from .results import Interval, Loss, Mixture
 from .results.verdicts import P95
 from .system import Effect, System, Way
 from .tail.approximation import Ranking, Rest, columns_in_cumulants, rank_losses
-from .tail.assembling import BOUNDED
 from .tail.bounded import worst_case
 from .tail.declared import (
     SAMPLED_METHOD,

@@ -15,9 +15,8 @@ from .geometry.arrays import Array
 from .kernels.store import kernel
 from .propagation.noise import Estimation, Imaging, assemble_after, eliminate_views, room_for
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
-from .tail.assembling import assemble_law
 from .tail.declared import split_columns, tail_numbers
-from .tail.lattice import Accuracy
+from .tail.lattice import Accuracy, assemble_law
 
 
 class CompiledRows(NamedTuple):

@@ -56,7 +56,7 @@ _TABLE = {
         0.7 tail.lattice.ball_sums              f i f1 f1
         0.8 tail.declared.probabilities_within  f1 i f1 f1
         0.5 tail.gaussian.tail_nodes            f b f1 f1
-        0.5 tail.assembling.assemble_law          f2 f1 f1 i1
+        0.5 tail.lattice.assemble_law           f2 f1 f1 i1
         0.4 tail.gaussian.law_on_axes           f1 f1 f
         0.3 tail.declared.split_columns         f2 i1
         0.3 tail.lattice.reach_of               {_FRAME} f

@@ -41,10 +41,10 @@ from ..contributors import Columns, law_of, value_of
 from ..errors import IllPosedError
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import rigid_transform, skew
+from ..laws import KIND
 from ..results import GlobalBound
 from ..results.digits import at_most, number
 from ..system import Law, Place
-from ..tail.assembling import KIND
 from ..tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, mixture_gradient
 from .chance_bound import raise_quantile
 from .enclosure import Forms, ViewTurns, enclose
