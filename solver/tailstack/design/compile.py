@@ -42,13 +42,13 @@ from .consistency import describe_condition, expand_target, find_pivots
 from .document import (
     DesignDocument,
     Execution,
+    FiducialOrigin,
     Fiducials,
     HandEye,
     Interface,
     RequirementDocument,
 )
 from .features import MOTIONS, ROUND, Feature, FittedFeature, Part
-from .fiducial_files import list_notes
 from .frames import compile_transform, compile_view, find_detector, read_surface_of
 from .loading import Design, list_assumed
 from .meanings import WrittenPoints, explain_places
@@ -72,9 +72,7 @@ def compile_design(design: Design) -> System:
 def _compile(design: Design) -> System:
     document = design.document
     fiducials = frozen(design.fiducials.positions_mm)
-    notes = [*design.fiducials.notes]
-    for origin in document.target_origins or ():
-        notes += list_notes(origin)
+    notes = _list_notes(design.fiducials.origin, *(document.target_origins or ()))
     for surface in surfaces_in(document.optimise).values():
         notes += read_surface_of(surface).remarks
     views = tuple(compile_view(view, f"/views/{index}", fiducials, notes) for index, view in enumerate(document.views))
@@ -205,7 +203,7 @@ def _interface(interface: Interface | None, name: str, notes: list[str]) -> Dire
     elif interface.features is not None:
         sources, middle = torsor_of_features(interface.features, pivot, f"/interfaces/{name}/features")
         known = frozen(known + middle)
-        notes += [] if interface.origin is None else list_notes(interface.origin)
+        notes += _list_notes(interface.origin)
         notes += [f"{name} {each.name}, {each.words}" for each in interface.features]
         notes += [f"{name}: {ROUND}"] if any(isinstance(each, FittedFeature) for each in interface.features) else []
     return mount(name, pivot, known, sources, interface.label, interface.drawn)
@@ -242,11 +240,16 @@ def torsor_of_features(
     return replace(gather_sources(stated, 6), together=tuple(together)), middle
 
 
+def _list_notes(*origins: FiducialOrigin | None) -> list[str]:
+    """What was done on the way to numbers that were read from files, in words."""
+    return [note for origin in origins if origin is not None for note in origin.list_notes()]
+
+
 def _hand_eye(hand_eye: HandEye | None, notes: list[str]) -> DirectEffect:
     if hand_eye is None:
         return _perfect("hand_eye")
     sources, label = hand_eye.tolerances.sources, "hand-eye calibration"
-    notes += [] if hand_eye.origin is None else list_notes(hand_eye.origin)
+    notes += _list_notes(hand_eye.origin)
     return mount("hand_eye", frozen(hand_eye.pivot_mm), hand_eye.bias.torsor, sources, label, hand_eye.drawn)
 
 

@@ -122,7 +122,7 @@ def _list_fiducials(document: DesignDocument) -> Iterator[tuple[str, str, Sequen
             yield f"/views/{index}/sees", f"view {view.name} lists the fiducials that it sees", view.sees
     for kind in EFFECTS:
         for record in _hosts(document)[kind.host]:
-            for pointer, labels in kind.list_fiducials(record):
+            for pointer, labels in kind.list_fiducials(record) if kind.list_fiducials else ():
                 yield pointer, f"{pointer} lists fiducials", labels
 
 

@@ -92,6 +92,7 @@ from ..ranges import (
 from ..statistic import HIGHEST, STATISTIC, STATISTICS, StatisticName, pooled_quantile
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, HowOften, Tolerances, level_field, refuse_indefinite
+from ..units import LENGTHS_MM
 from .bead_noise import BeadNoise
 from .features import Feature, refuse_overheld
 from .optimise_document import Optimise
@@ -424,6 +425,22 @@ class FiducialOrigin(Record):
         points = "1 point was" if count == 1 else f"{count} points were"
         listed = ", ".join(self.left_out[:20]) + (", ..." if count > 20 else "")
         return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
+
+    def list_notes(self) -> Iterator[str]:
+        """What was done to the numbers on the way, in words."""
+        name, system = self.file, self.coordinate_system
+        if left_out := self.describe_left_out():
+            yield left_out
+        if not self.coordinate_system_stated:
+            yield f"{name}: no coordinate system is stated; read as {system}, as Slicer wrote such files"
+        if system == "RAS":
+            yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
+        if self.coordinate_unit != "mm":
+            yield f"{name}: coordinates were converted to mm (factor {LENGTHS_MM[self.coordinate_unit]:g})"
+        for remark in self.remarks:
+            yield f"{name}: {remark}"
+        if self.changed:
+            yield f"{name}: the fiducials are no longer those of the file: they were moved, or some were left out"
 
 
 WAYS_OF_HOLDING = ("tolerances", "locators", "locator_files", "features", "drawing")

@@ -11,7 +11,7 @@ import csv
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import UnionType
 from typing import Any, Literal
@@ -77,23 +77,7 @@ class FiducialList:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was done to the numbers on the way, in words."""
-        return () if self.origin is None else tuple(list_notes(self.origin))
-
-
-def list_notes(origin: FiducialOrigin) -> Iterator[str]:
-    name = origin.file
-    if left_out := origin.describe_left_out():
-        yield left_out
-    if not origin.coordinate_system_stated:
-        yield f"{name}: no coordinate system is stated; read as {origin.coordinate_system}, as Slicer wrote such files"
-    if origin.coordinate_system == "RAS":
-        yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
-    if origin.coordinate_unit != "mm":
-        yield f"{name}: coordinates were converted to mm (factor {LENGTHS_MM[origin.coordinate_unit]:g})"
-    for remark in origin.remarks:
-        yield f"{name}: {remark}"
-    if origin.changed:
-        yield f"{name}: the fiducials are no longer those of the file: they were moved, or some were left out"
+        return () if self.origin is None else tuple(self.origin.list_notes())
 
 
 _OTHER_ENDINGS = {  # of files that people have their beads in

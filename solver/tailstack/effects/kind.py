@@ -80,7 +80,7 @@ class EffectKind(Generic[Section]):
     """What a record says where it is not declared, or not in every view; empty: nothing."""
     check: Callable[[Section, Pivots], Iterator[Problem]] | None = None
     """What is refused beyond one record."""
-    list_fiducials: Callable[[Section], Iterable[tuple[str, Sequence[str]]]] = lambda section: ()
+    list_fiducials: Callable[[Section], Iterable[tuple[str, Sequence[str]]]] | None = None
     """Labels of fiducials that a section lists, each list with its pointer: they are held against those that exist."""
     doubts: tuple[PlausibilityTest[System], ...] = ()
     """Rules on values that are allowed and hardly ever meant."""

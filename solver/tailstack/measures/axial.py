@@ -13,4 +13,4 @@ MEASURE = Measure(
     sites=at_each_direction(0, 1),
     needs=DIRECTED,
 )
-ONE_SIDED = on_each_side(MEASURE, lambda name: MEASURE.sites)
+ONE_SIDED = on_each_side(MEASURE)

@@ -191,9 +191,9 @@ def at_each_direction(first: int, last: int) -> Sites:
     return sites
 
 
-def on_each_side(base: Measure, sites_of: Callable[[str], Sites]) -> tuple[Measure, ...]:
-    """A measure of one number, counted above 0 alone and below it; sites_of: those of ``base``, by the name of the
-    measure that is asked for."""
+def on_each_side(base: Measure, sites_of: Callable[[str], Sites] | None = None) -> tuple[Measure, ...]:
+    """A measure of one number, counted above 0 alone and below it; sites_of: those of ``base``, where they go by the
+    name of the measure that is asked for."""
 
     def measure(side: str) -> Measure:
         name, sign = f"{base.name}_{side}", 1.0 if side == "above" else -1.0
@@ -204,7 +204,7 @@ def on_each_side(base: Measure, sites_of: Callable[[str], Sites]) -> tuple[Measu
             asked, half = set(chain.from_iterable(design.demands.get(name, ()))), np.full(1, np.inf)
             return tuple(
                 replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half, doubt=ONE_SIDE)
-                for site in sites_of(name)(design)
+                for site in (sites_of(name) if sites_of else base.sites)(design)
                 if asked.issuperset(site.weights)
             )
 
