@@ -1,9 +1,9 @@
 """Gains of everything that acts through the images on the triangulated point.  The one first-order model.
 
-Every function here is written in scalar steps on arrays, without square roots or branches on values, so
-that the same source runs three ways: as Python, also on complex numbers (``DesignFunction``), compiled by numba,
-alone for the score (``assemble_jit``) and into the kernels of a batch and of losses, and on numpy arrays of CasADi
-symbols, where it builds the expression that the optimiser differentiates.
+Every function here, the kernel of losses excepted, is written in scalar steps on arrays, without square roots or
+branches on values, so that the same source runs three ways: as Python, also on complex numbers (``DesignFunction``);
+compiled by numba, alone for the score (``assemble_jit``) and into the kernels of a batch and of losses; and on numpy
+arrays of CasADi symbols, where it builds the expression that the optimiser differentiates.
 
 Derivation (method: implicit function theorem at consistent data; paper Eqs 15-16, whose ``J_A^-1`` does
 not exist, rank 11 of 12, and means a pseudo-inverse).  With ``Y = (X - centroid, 1)``, a view's null
