@@ -168,15 +168,15 @@ def score() -> None:
 
 
 def perform(call: Any) -> Any:
-    """What the computing process calls in place of ``computations.perform``."""
-    from tailstack_service.http import computations
+    """What the computing process calls in place of ``perform.perform_call``."""
+    from tailstack_service.operations import perform as performing
     from tailstack_service.processes.task import Estimated
 
     note(RECEIVER, SENDER)
     note_kernels()
     begin("score")
     try:
-        found = computations.perform(call)
+        found = performing.perform_call(call)
         return found.compute() if isinstance(found, Estimated) else found  # read, and on from there
     finally:
         sys.setprofile(None)

@@ -230,7 +230,7 @@ from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes.birth import prepare_children
 from tailstack_service.processes.task import Task
-preparing = prepare_children("tailstack_service.http.computations:warm_up", ("score", "batch", "optimise"))
+preparing = prepare_children("tailstack_service.operations.perform:warm_up", ("score", "batch", "optimise"))
 try:
     preparing.send(None)
 except RuntimeError:  # there is no event loop to wait in

@@ -29,10 +29,10 @@ from strange_units import stand_still, wait_for
 
 from tailstack import load_design, losses, score
 from tailstack.errors import LimitError
-from tailstack_service.http import computations, compute_pool
+from tailstack_service.http import compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
 from tailstack_service.jobs.store import database, jobs
-from tailstack_service.operations import operation
+from tailstack_service.operations import operation, perform
 from tailstack_service.problems import RefusedAt, TransportError
 from tailstack_service.processes import birth, pool
 from tailstack_service.processes.pool import ComputingProcess
@@ -97,7 +97,7 @@ async def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
         assert await computing.run(request(), partial(operator.add, 40, 2), QUICK) == 42
         sent = RawRequest("json", b'{"design": {"schema": "tailstack/design/1"}}')
         with pytest.raises(RefusedAt) as refused:
-            await computing.run(request(), partial(computations.receive, "score", sent, Settings()), QUICK)
+            await computing.run(request(), partial(perform.receive, "score", sent, Settings()), QUICK)
         assert refused.value.slug == "invalid-design"
         assert all(problem.pointer.startswith("/design") for problem in refused.value.problems)
         with pytest.raises(Defect, match="ZeroDivisionError"):
@@ -451,7 +451,7 @@ def test_what_is_asked_without_losses_is_expected_without_them() -> None:
     design = {**large_design()}
     design["fiducials"] = {**design["fiducials"], "loss_probability": 0.01}
     bodies = (json.dumps({"design": design, "losses": each}).encode() for each in (True, False))
-    found = [computations.receive("score", RawRequest("json", body), Settings()) for body in bodies]
+    found = [perform.receive("score", RawRequest("json", body), Settings()) for body in bodies]
     assert all(isinstance(one, Estimated) for one in found)
     size = operation.size_of(load_design(design))
     assert size == (200, 2, 35, 35, 200)
@@ -510,15 +510,15 @@ def disguises() -> dict[str, tuple[str, RawRequest]]:
 def test_a_large_design_is_long_whatever_it_looks_like(disguise: str) -> None:
     """The estimate is that of the design as it was read: the same for every way to write it."""
     name, sent = disguises()[disguise]
-    found = computations.receive(name, sent, Settings())
+    found = perform.receive(name, sent, Settings())
     assert isinstance(found, Estimated)
     assert found.seconds >= operation.score_seconds([operation.Size(200, 2, 20)])
 
 
 def test_second_order_is_long_however_it_is_written() -> None:
     body = json.dumps({"design": small_design(targets=large_design()["targets"]), "second_order": True})
-    plain = computations.receive("score", RawRequest("json", body.encode()), Settings())
-    written = computations.receive(
+    plain = perform.receive("score", RawRequest("json", body.encode()), Settings())
+    written = perform.receive(
         "score", RawRequest("json", body.replace("second_", "second\\u005f").encode()), Settings()
     )
     assert isinstance(plain, Estimated)
@@ -535,7 +535,7 @@ def test_losses_count_in_a_gate_that_judges_them() -> None:
             "policy": {"schema": "tailstack/policy/1", "name": "p", "rules": rules},
             "mode": "analytic",
         }
-        found = computations.receive("gate", RawRequest("json", json.dumps(body).encode()), Settings())
+        found = perform.receive("gate", RawRequest("json", json.dumps(body).encode()), Settings())
         assert isinstance(found, Estimated), found
         return found.seconds
 

@@ -24,8 +24,8 @@ from starlette.routing import Route
 from plain_data import read_cases, replaced
 from tailstack.errors import DesignError, IllPosedError, Problem
 from tailstack_service.gate.request import admit_gate, read_gate
-from tailstack_service.http import computations
 from tailstack_service.http.app import create_app
+from tailstack_service.operations import perform
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.request import DesignReferenceUnresolved
 from tailstack_service.problems import CATALOGUE, RefusedAt
@@ -553,7 +553,7 @@ def test_a_design_that_is_named_is_asked_for_whatever_reads_it(operation: str) -
         **({"table": {"/views/0/fiducial_noise_px": [0.1]}} if operation == "batch" else {}),
     }
     sent = RawRequest("json", canonical(body))
-    found = computations.perform(lambda: computations.receive(operation, sent, Settings()))
+    found = perform.perform_call(lambda: perform.receive(operation, sent, Settings()))
     assert isinstance(found, DesignReferenceUnresolved)
     assert pickle.loads(pickle.dumps(found)).sha256 == NOWHERE
 

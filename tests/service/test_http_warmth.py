@@ -157,7 +157,7 @@ from numba.core.dispatcher import Dispatcher
 from tailstack.design import load_design
 from tailstack.errors import TailstackError
 from tailstack.scoring import score
-from tailstack_service.http.computations import warm_up
+from tailstack_service.operations.perform import warm_up
 
 def compiled():
     return {

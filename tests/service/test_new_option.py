@@ -28,7 +28,7 @@ from pathlib import Path
 
 import tailstack_service
 from tailstack_service.cli.main import main
-from tailstack_service.http import computations
+from tailstack_service.operations import perform
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.request import RawRequest
 from tailstack_service.settings import Settings
@@ -53,7 +53,7 @@ def run(call, own=layout.run):
 object.__setattr__(layout, "run", run)
 
 def post(form, body, *query):
-    computations.receive("layout", RawRequest(form, body, query), Settings()).compute()
+    perform.receive("layout", RawRequest(form, body, query), Settings()).compute()
 
 told["help"] = ask("layout", "--help")[1]
 told["refused"] = ask("layout", demo, "--room-px", "91")[2]

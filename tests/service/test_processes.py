@@ -429,10 +429,10 @@ def test_what_takes_too_much_memory_is_refused_and_the_process_goes_on() -> None
     """Under the limit of the system: at once, and no matter who asks for it."""
     program = """
 from functools import partial
-from tailstack_service.http.computations import perform
+from tailstack_service.operations.perform import perform_call
 from tailstack_service.processes.birth import limit_memory
 limit_memory(600_000_000)
-refused = perform(partial(bytearray, 900_000_000))
+refused = perform_call(partial(bytearray, 900_000_000))
 print(refused.slug, refused.problems[0].hint)
 """
     done = run_python("-c", program)

@@ -35,8 +35,8 @@ from ..processes.task import OutOfDate, PutBack
 Warmth = Literal["warming up", "ready", "failed"]
 
 log = logging.getLogger("tailstack.service")
-PERFORM = "tailstack_service.http.computations:perform"
-WARM_UP, WARM_UP_OF = "tailstack_service.http.computations:warm_up", ("score", "batch", "optimise")
+PERFORM = "tailstack_service.operations.perform:perform_call"
+WARM_UP, WARM_UP_OF = "tailstack_service.operations.perform:warm_up", ("score", "batch", "optimise")
 QUICK_SECONDS = 0.05  # of CPU expected: what may use the process that is kept free, and who waits for it waits so long
 OVERRUN_SECONDS = 2.0  # of CPU, after which what was expected to be quick is one of those that take long
 BIRTH_SECONDS = 0.1  # of CPU, for a new process to become ready: the price of a kill

@@ -20,7 +20,7 @@ from ..jobs.store import jobs as stored
 from ..jobs.store import results
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
-from ..operations import rendering
+from ..operations import perform, rendering
 from ..operations.operation import JobRequest, Operation, Pieces, Reception, reading_seconds
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved
@@ -28,7 +28,6 @@ from ..problems import StoreUnavailable, TransportError
 from ..processes.birth import running_code
 from ..processes.task import NAMED, RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
-from . import computations
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds
 from .body import strict_body
 from .jobs import accepted_response, failure_response, render_report, result_response
@@ -82,7 +81,7 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
 
 async def _receive(request: Request, operation: Operation, sent: RawRequest) -> Reception:
     service = service_of(request)
-    call = partial(computations.receive, operation.name, sent, service.settings)
+    call = partial(perform.receive, operation.name, sent, service.settings)
     seconds = reading_seconds if operation.body is None else operation.body.reading_seconds
     reception: Reception = await service.pool.run(request, call, seconds(sent))
     return reception
@@ -132,17 +131,15 @@ async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Re
 
     specs = pieces.specs
     if form == "json":
-        units = [
-            UnitResult(index, spec, await compute(computations.compute_unit, spec)) for index, spec in enumerate(specs)
-        ]
-        return Response(await compute(computations.join_units, tuple(units)), media_type=JSON)
+        units = [UnitResult(index, spec, await compute(perform.compute_unit, spec)) for index, spec in enumerate(specs)]
+        return Response(await compute(perform.join_units, tuple(units)), media_type=JSON)
 
-    first = await compute(computations.compute_piece, specs[0], form, first=True)
+    first = await compute(perform.compute_piece, specs[0], form, first=True)
 
     async def send() -> AsyncIterator[bytes]:
         yield first
         for spec in specs[1:]:
-            yield await compute(computations.compute_piece, spec, form, first=False)
+            yield await compute(perform.compute_piece, spec, form, first=False)
 
     return StreamingResponse(send(), headers={"Content-Type": MEDIA_TYPES[form]})
 

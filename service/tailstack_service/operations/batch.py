@@ -281,12 +281,12 @@ def receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
 
 def _receive(sent: RawRequest, settings: Settings) -> Reception:
     """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, RefusedAt."""
-    from .perform import plan
+    from .units.batch import plan
 
     table = read_sent(sent, settings)
     if sent.as_job:
         return Reception(job=JobRequest("batch", canonical(table.content), table.name), designs=table.nameable)
-    specs = plan("batch", table.content, ()).more
+    specs = plan(table.content, ()).more
     pieces = Pieces(table.form, table.rows * table.row_seconds, table.rows_a_unit * table.row_seconds, specs)
     return Reception(pieces=pieces, designs=table.nameable)
 
