@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from shlex import quote
 from typing import Any, TypeVar
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -23,15 +24,15 @@ from ..jobs.store.usage import sum_cpu_seconds
 from ..operations import perform, rendering
 from ..operations.operation import JobRequest, Operation, Pieces, Reception, reading_seconds
 from ..operations.registry import OPERATIONS
-from ..operations.request import DesignReferenceUnresolved
-from ..problems import StoreUnavailable, TransportError
+from ..operations.request import DesignReferenceUnresolved, refuse_query
+from ..problems import MalformedError, StoreUnavailable, TransportError
 from ..processes.birth import running_code
 from ..processes.task import NAMED, RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds
-from .body import strict_body
 from .jobs import accepted_response, failure_response, render_report, result_response
 from .openapi import describe
+from .problems import BodyTooLarge
 from .service import Needs, Service, TheService, note_policy, service_of
 
 log = logging.getLogger("tailstack.service")
@@ -43,12 +44,113 @@ FIRST_LOOK, LONGEST_LOOK = 0.01, 0.25  # seconds between looks at a job that som
 router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))], default_response_class=Response)
 
 
+# --- the body of a request: of a kind that the operation reads, bounded in size and in time -----------
+
+YAML = ("application/yaml", "application/x-yaml", "text/yaml", "text/x-yaml")
+FORM = "application/x-www-form-urlencoded"
+DRAINED = 8_000_000  # bytes of an over-long body that are read and dropped, so that the refusal reaches its sender
+
+
+def _body_of(operation: Operation) -> Callable[[Request], Awaitable[RawRequest]]:
+    """The dependency that reads the body of an operation: JSON, YAML where it takes that, and what else it can be."""
+    own, beside = operation.body, "design" if len(operation.designs) == 1 else "designs"
+    raw = () if own is None else own.media
+    hint = f"options go into the body, beside the {beside}" if own is None else own.hint
+
+    async def sent(request: Request) -> RawRequest:
+        form = _form(request, yaml=operation.yaml, raw=raw)
+        body = await _read_body(request, "max_step_bytes" if form in raw else "max_body_bytes")
+        query = tuple(request.query_params.multi_items())
+        if form == "json":
+            refuse_query(query, (), hint)
+        return RawRequest(form, body, query)
+
+    return sent
+
+
+def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
+    """``json``, ``yaml`` or one of ``raw`` by the content type.  Raises TransportError 415."""
+    header = ", ".join(request.headers.getlist("content-type"))  # of two, neither counts
+    kind, _, parameters = header.partition(";")
+    kind = kind.strip().lower()
+    encodings = [coding.strip().lower() for coding in ",".join(request.headers.getlist("content-encoding")).split(",")]
+    encoding = ", ".join(coding for coding in encodings if coding not in ("", "identity"))
+    named = [part.partition("=")[2] for part in parameters.split(";") if part.strip().lower().startswith("charset=")]
+    charset = named[0].strip(" \"'").lower() if named else "utf-8"
+    cure = ""
+    if encoding:
+        cure = "send it as it is"
+        refused = f"the body is sent with Content-Encoding: {encoding[:40]}"
+    elif charset not in ("utf-8", "utf8", "us-ascii"):
+        refused = f"the body is sent as charset={charset[:40]}"
+        cure = f"send the text as UTF-8, without charset: iconv -f {quote(charset[:40])} -t UTF-8 FILE makes it so"
+    elif kind == JSON or (kind.startswith("application/") and kind.endswith("+json")):
+        return "json"
+    elif yaml and kind in YAML:
+        return "yaml"
+    elif kind in raw:
+        return kind
+    else:
+        refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
+    taken = [*(YAML[:1] if yaml else ()), *raw, JSON]
+    if not cure:
+        cure = f"send Content-Type: {' or '.join(taken)}, whichever the body is"
+    if kind == FORM:
+        cure += (
+            f"; curl -d says {FORM} by itself and drops line ends: add -H 'Content-Type: {taken[0]}', and send "
+            "--data-binary @FILE"
+        )
+    detail = f"this operation reads {', '.join([JSON, *taken[:-1]])}; UTF-8, not compressed; got {refused}"
+    raise TransportError("unsupported-media-type", detail, cure, code="content-type")
+
+
+async def _read_body(request: Request, setting: str) -> bytes:
+    """The body, as long as a setting allows.
+
+    Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty).
+    """
+    service = service_of(request)
+    settings = service.settings
+    limit: int = getattr(settings, setting)
+    announced = request.headers.get("content-length", "")
+    if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + limit:
+        raise _too_long(f"{int(announced)} bytes were announced", setting, limit)
+    chunks: list[bytes] = []
+    size, more = 0, True
+    try:
+        async with service.clock.timeout(settings.body_seconds):
+            while more:
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    detail = f"the body broke off after {size} bytes"
+                    raise MalformedError(Problem("", "incomplete-body", detail))
+                chunk, more = message.get("body", b""), message.get("more_body", False)
+                size += len(chunk)
+                if size <= limit:
+                    chunks.append(chunk)
+                elif size > DRAINED + limit:
+                    raise _too_long(f"more than {size} bytes arrived", setting, limit)
+    except TimeoutError:
+        detail = f"the body was not complete after {settings.body_seconds:g} s; {size} bytes arrived"
+        hint = f"send it faster, or start the service with a higher {variable('body_seconds')}"
+        raise TransportError("body-timeout", detail, hint, {"Connection": "close"}, code="too-slow") from None
+    if size > limit:
+        raise _too_long(f"{size} bytes arrived", setting, limit)
+    return b"".join(chunks)
+
+
+def _too_long(arrived: str, setting: str, limit: int) -> BodyTooLarge:
+    hint = f"send less, or start the service with a higher {variable(setting)}"
+    return BodyTooLarge(Problem("", "too-large", f"a request body may hold {limit} bytes; {arrived}", hint))
+
+
+# --- the routes ---------------------------------------------------------------------------------------
+
+
 def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """The endpoint of an operation: its answer at once, or a job."""
     own = operation.body
-    beside = "design" if len(operation.designs) == 1 else "designs"
-    hint = f"options go into the body, beside the {beside}" if own is None else own.hint
-    body = Depends(strict_body(yaml=operation.yaml, raw=() if own is None else own.media, hint=hint))
+    body = Depends(_body_of(operation))
 
     async def create(request: Request, service: TheService, sent: RawRequest = body) -> Response:
         key = None if operation.immediate else idempotency_key(request)

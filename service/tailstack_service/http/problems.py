@@ -11,12 +11,11 @@ from fastapi import Request, Response
 from starlette.exceptions import HTTPException
 
 from tailstack.cures import find_nearest
-from tailstack.errors import TailstackError
+from tailstack.errors import LimitError, TailstackError
 
 from ..documents import to_json
 from ..problems import DamagedStore, ProblemDocument, StoreError, StoreUnavailable, TransportError, problem_document
 from .answers import path_of
-from .body import BodyTooLarge
 from .compute_pool import CallerLeft
 from .prefix import cut_root, place
 
@@ -26,6 +25,10 @@ STORE_RETRY_SECONDS = 2
 LONGEST_PATH = 120  # characters of an unknown path that the answer repeats
 MOST_STEPS, LONGEST_STEP = 8, 20  # of an unknown path that is compared with the routes: ids can be long
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
+
+
+class BodyTooLarge(LimitError):
+    """The body itself is over the limit: 413 rather than 422."""
 
 
 def document_response(document: ProblemDocument, headers: Mapping[str, str] | None = None) -> Response:
