@@ -20,7 +20,7 @@ from store_scenes import submit
 from worker_scenes import Stops
 
 from family import die_with_parent
-from tailstack_service.http import events
+from tailstack_service.http import jobs
 from tailstack_service.http.app import create_app
 from tailstack_service.http.posting import FIRST_LOOK
 from tailstack_service.http.server import FIRST_PAUSE, GOOD_SECONDS, RestartedProcess
@@ -131,12 +131,12 @@ async def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> N
 
     service = SimpleNamespace(clock=clock, stopping=threading.Event(), storage=SimpleNamespace(run=nothing))
     job = SimpleNamespace(tenant="a", id="1")
-    stream: AsyncIterator[bytes] = events._stream(cast(Service, service), cast(Any, job), 0)
+    stream: AsyncIterator[bytes] = jobs._stream(cast(Service, service), cast(Any, job), 0)
     assert await anext(stream) == b"retry: 1000\n\n"
     for number in range(1, 4):
         assert await anext(stream) == b": still here\n\n"
-        passed = number * events.HEARTBEAT_SECONDS
-        assert passed < clock.passed < passed + number * (events.IDLE_SECONDS + events.LOOK_SECONDS)
+        passed = number * jobs.HEARTBEAT_SECONDS
+        assert passed < clock.passed < passed + number * (jobs.IDLE_SECONDS + jobs.LOOK_SECONDS)
 
 
 @pytest.fixture

@@ -304,7 +304,7 @@ def test_the_proxy_knows_the_api_and_is_patient() -> None:
     largest = re.search(r"client_max_body_size (\d+)m;", conf)
     assert largest is not None
     assert int(largest[1]) * 2**20 > max(Settings().max_body_bytes, Settings().max_step_bytes)
-    from tailstack_service.http.events import HEARTBEAT_SECONDS
+    from tailstack_service.http.jobs import HEARTBEAT_SECONDS
 
     patience = re.search(r"proxy_read_timeout (\d+)s;", conf)
     assert patience is not None

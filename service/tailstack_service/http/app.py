@@ -26,7 +26,7 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, keys, results
 from ..problems import TransportError
 from ..settings import Settings, load_settings
-from . import events, information, jobs, pages, posting
+from . import information, jobs, pages, posting
 from .access import Access
 from .compute_pool import ComputePool, stopping_error
 from .kept_designs import KeptDesigns
@@ -43,7 +43,6 @@ LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger
 ROUTERS = (
     posting.router,
     jobs.router,
-    events.router,
     jobs.result_router,
     information.router,
     pages.router,
