@@ -19,8 +19,8 @@ from store_scenes import Clock
 
 from plain_data import read_cases
 from tailstack.errors import Problem
-from tailstack_service.http import kept_designs
-from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
+from tailstack_service.http import service
+from tailstack_service.http.service import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
 from tailstack_service.jobs.store import results, tables, upkeep
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.operations.request import merge
@@ -288,7 +288,7 @@ async def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
 
 
 async def test_without_a_database_little_is_remembered_and_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_designs, "MOST_WAITING", 3)
+    monkeypatch.setattr(service, "MOST_WAITING", 3)
     table = Table()
     table.broken = True
     here = KeptDesigns(table.read, table.write)

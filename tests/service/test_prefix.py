@@ -21,7 +21,7 @@ from service_scenes import ROOT, check_problem, client_of, client_with, read_ans
 from family import started
 from plain_data import places_of, value_at
 from tailstack_service.console.remote import RemoteService
-from tailstack_service.http.prefix import Prefix, read_root_path
+from tailstack_service.http.answers import Prefix, read_root_path
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until

@@ -28,13 +28,12 @@ from ..problems import TransportError
 from ..settings import Settings, load_settings
 from . import information, jobs, pages, posting
 from .access import Access
+from .answers import Prefix
 from .compute_pool import ComputePool, stopping_error
-from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
 from .openapi import document
-from .prefix import Prefix
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
-from .service import Service, Storage
+from .service import KeptDesigns, Service, Storage
 
 log = logging.getLogger("tailstack.service")
 SIGNALS = (signal.SIGTERM, signal.SIGINT)

@@ -23,11 +23,10 @@ from ..operations.request import single
 from ..problems import CATALOGUE, ProblemType, RequestError, TransportError
 from ..schemas import RECORDS, TITLES, json_schema
 from ..shipped import list_example_designs, read_example, write_example
-from .answers import JSON, record_response, takes
+from .answers import JSON, place, record_response, takes
 from .compute_pool import Warmth
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
 from .openapi import YAML, extra, media_types, query_parameter, reference, response_of
-from .prefix import place
 from .service import Needs, TheService
 
 log = logging.getLogger("tailstack.service")

@@ -37,7 +37,7 @@ from ..operations.rendering import FORMATS, MEDIA_TYPES, render
 from ..operations.request import single
 from ..problems import RequestError, TransportError
 from ..processes.task import ENDED
-from .answers import JSON, path_of, record_response, tagged_response
+from .answers import JSON, path_of, place, record_response, tagged_response
 from .openapi import (
     REPORT,
     REPORT_FORMS,
@@ -51,7 +51,6 @@ from .openapi import (
     response_of,
     result_links,
 )
-from .prefix import place
 from .problems import document_response
 from .service import Needs, Seat, Service, TheService, query, service_of
 

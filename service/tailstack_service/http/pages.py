@@ -19,9 +19,8 @@ from tailstack import __version__
 
 from ..problems import TransportError
 from ..shipped import find_manual
-from .answers import JSON, matches_tag, record_response, takes
+from .answers import JSON, matches_tag, place, record_response, takes
 from .openapi import extra, media_types, reference, response_of
-from .prefix import place
 from .service import query
 
 router = APIRouter(tags=["information"], default_response_class=Response)

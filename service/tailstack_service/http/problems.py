@@ -15,9 +15,8 @@ from tailstack.errors import LimitError, TailstackError
 
 from ..documents import to_json
 from ..problems import DamagedStore, ProblemDocument, StoreError, StoreUnavailable, TransportError, problem_document
-from .answers import path_of
+from .answers import cut_root, path_of, place
 from .compute_pool import CallerLeft
-from .prefix import cut_root, place
 
 log = logging.getLogger("tailstack.service")
 PROBLEM = "application/problem+json"

@@ -29,7 +29,7 @@ from ..problems import RequestError
 from ..processes.birth import Nursery, join_nursery, share_nursery
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
-from .prefix import read_root_path
+from .answers import read_root_path
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
