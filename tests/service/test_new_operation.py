@@ -61,8 +61,7 @@ def _measure(call: Call) -> Spacing:
 
 
 def _document(record: Spacing, sha256: str) -> Any:
-    from ..rendering.document import Document, KeyNumber, Paragraph
-    from ..report.chapters.document import closing_sections, provenance_facts
+    from ..rendering.document import Document, KeyNumber, Paragraph, closing_sections, provenance_facts
 
     closest = f"{record.distances_mm[0]:.3f} mm"
     return Document(

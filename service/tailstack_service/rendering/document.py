@@ -1,4 +1,4 @@
-"""A document: what a report is made of, without saying how it looks, and how a terminal shows it.
+"""A document: what a report is made of, without saying how it looks, what all share, and how a terminal shows it.
 
 HTML, PDF and spreadsheet have their own writers (``report``).
 """
@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
-from tailstack.results import Finding, Provenance
-from tailstack.results.tables import EVERYWHERE, TERMINAL, On, Table
-from tailstack.results.verdicts import STATED, assumed_sentence, rest_of
+from tailstack.results import Finding, Provenance, Verdict
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, tabulate
+from tailstack.results.verdicts import STATED, assumed_sentence, checks_table, findings_table, rest_of
 
 from .text import columns, current, fold, group_findings, paint, prose_width, wrap, write_table
 
@@ -217,9 +217,122 @@ def tone_of(status: str) -> Tone:
     return "inconclusive" if status == "inconclusive" else "neutral"
 
 
+# --- what the documents of all results share: how they are composed, and what they end with ------------
+
+
+def compose_document(
+    record: Any, sha256: str, sections: Sequence[Section], command: str = "", words: str = "", **own: Any
+) -> Document:
+    """The document of a record of one design: its sections, and what every report ends with.
+
+    sha256: of the record.  command: gives it again; words: about that.  own: further fields, before what the record
+    gives.
+    """
+    made: Provenance = record.provenance
+    facts = provenance_facts(made, sha256, record.schema)
+    known: dict[str, Any] = {"title": made.design_name, "tone": "neutral", "provenance": facts, "made": made}
+    again: list[Block] = [Listing(command)] if command else []
+    again += [Paragraph(words)] if words else []
+    return Document(sections=(*sections, *closing_sections(made, *again)), **(known | own))
+
+
+REPRODUCTION = (
+    "design.yaml is the design of the hash named on the first page; the record of a study does not hold it. The same "
+    "version of tailstack gives the same digits, whatever the number of threads, workers or machines."
+)
+
+
+def compose_study(
+    study: Any, sha256: str, kind: str, *, sentences: Sequence[str], sections: Sequence[Section], command: str,
+    about: Sequence[Block] = (), figure: tuple[str, Callable[[], str], str] | None = None, **own: Any,
+) -> Document:  # fmt: skip
+    """The document of a study of one design.
+
+    sentences: what the study says, the first of them the answer.  about: how it was done.  figure: name, what draws it,
+    caption.  command: that repeats it.  own: further fields of the document.
+    """
+    return compose_document(
+        study,
+        sha256,
+        (
+            Section("In words", (Bullets(tuple(sentences)),)),
+            *sections,
+            Section("Method and assumptions", tuple(about), on=IN_DETAIL, reader="auditor"),
+        ),
+        command,
+        REPRODUCTION,
+        kind=f"Study: {kind}",
+        sentence=sentences[0],
+        matters=tuple(sentences[1:4]),
+        figures=() if figure is None else (Figure(*figure),),
+        captions=True,
+        **({"status": "study"} | own),
+    )
+
+
+def provenance_facts(made: Provenance, sha256: str, schema: str, which: str = "design") -> Facts:
+    """What the numbers come from; ``which`` design they are of."""
+    pairs = (
+        ("Design", made.design_name),
+        (f"SHA-256 of the {which}", made.design_sha256 or "not known"),
+        ("SHA-256 of this record", sha256),
+        ("Record", schema),
+        ("Computed by", f"tailstack {made.tailstack_version}"),
+        ("Installation error", f"{made.reading} reading, {made.rotation_form.replace('_', ' ')} rotation"),
+        ("Estimator of a view", made.estimator.replace("_", " ")),
+        ("Triangulation", made.triangulation),
+    )
+    return Facts("Provenance", pairs)
+
+
+def closing_sections(
+    provenance: Any, *reproduction: Block, design: dict[str, Any] | None = None
+) -> tuple[Section, ...]:
+    """What a report ends with: what nobody stated, errors that no number in it includes, and how to have it again.
+
+    provenance: of the record, or what a gate has in its place.  design: its document, where the record holds it.
+    """
+    assumed = getattr(provenance, "assumed", ())  # a gate has several designs, each with its own
+    return (
+        Section("What nobody stated", (_assumed_table(assumed, design),), on=PAPER),
+        Section("What is not included", (Bullets(tuple(provenance.not_included)),), on=PAPER, reader="auditor"),
+        Section("Reproduction", reproduction, on=PAPER, reader="auditor"),
+    )
+
+
+def _assumed_table(assumed: Sequence[str], design: dict[str, Any] | None) -> Table:
+    """Each assumed value: by name and as it is where the design is known."""
+    from tailstack.design.pointers import find_places, name_of, value_at
+
+    def as_assumed(pointer: str) -> Cell:
+        places = find_places(design, pointer)
+        value = value_at(design, places[0]) if places else None
+        return value if isinstance(value, int | float | str) else ", ".join(map(str, value or ()))
+
+    columns: tuple[Column, ...] = (Column("Pointer into the design", of=lambda pointer: pointer),)
+    if design is not None:
+        columns = (
+            Column("Assumed value", of=lambda pointer: name_of(design, pointer)),
+            Column("As assumed", of=as_assumed),
+            replace(columns[0], on=On.SHEET),
+        )
+    note = (
+        "Nobody stated these values of the design: they are a start, and the verdict holds as far as they do. Who "
+        "knows a value takes its pointer off the design's list `assumed`."
+    )
+    return tabulate("Assumed", assumed_sentence(assumed), columns, assumed, note)
+
+
+def verdict_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Every requirement at every target, and remarks."""
+    return (
+        *((checks_table(verdict),) if verdict.checks else ()),
+        *((findings_table(verdict.findings),) if verdict.findings else ()),
+    )
+
+
 # --- in a terminal: what was asked, what decides, the sections in their order, the verdict --------------
 
-TONE = {"neutral": "no requirement"}  # the role of its colour, where it is called otherwise
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."
 
 
@@ -228,15 +341,16 @@ def document_text(document: Document) -> str:
     details, made = current().details, document.made
     shown = document.of(On.DETAIL if details else On.PLAIN)
     named = "\n".join([*fold(document.title, prose_width()), wrap(document.question)])
+    verdict, mark, basis = document.ending.partition(" (")  # in its colour, and what it rests on
     parts = (
         named if made is None else _write_heading(made, document.question, document.method),
         "\n".join(map(wrap, document.opening)),
         "" if document.requirements is None else _write_rows(document.requirements),
         *(_write_block(block, document.captions) for section in shown.sections for block in section.blocks),
-        "" if made is None else _write_provenance(made),
+        "" if made is None else _write_said(_list_said(made)),
         findings_text([finding for finding in document.findings if details or finding.rule not in STATED]),
         "" if details else wrap(MORE, first="more: ", indent="  "),
-        write_ending(document.ending, TONE.get(document.tone, document.tone)),
+        paint(verdict, document.tone) + mark + basis if verdict else "",
     )
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -245,12 +359,6 @@ def blocks_text(blocks: tuple[Block, ...]) -> str:
     """Blocks by themselves, with captions and notes of tables."""
     shown = list_shown(blocks, On.DETAIL if current().details else On.PLAIN)
     return "\n\n".join(text for block in shown if (text := _write_block(block, True))) + "\n"
-
-
-def write_ending(ending: str, role: str) -> str:
-    """The last line: the verdict in the colour of its role, and what it rests on."""
-    verdict, mark, basis = ending.partition(" (")
-    return paint(verdict, role) + mark + basis if verdict else ""
 
 
 def _write_heading(made: Provenance, question: str, method: str) -> str:
@@ -282,12 +390,10 @@ def findings_text(findings: Sequence[Finding]) -> str:
     return "\n".join(lines)
 
 
-def _write_provenance(made: Provenance) -> str:
+def _list_said(made: Provenance) -> list[tuple[str, str]]:
     """Assumptions made on the way, and what no number here includes."""
-    notes = [("note", note) for note in made.notes]
-    return _write_said(
-        [*notes, ("assumed", assumed_sentence(made.assumed)), ("not included", "; ".join(made.not_included))]
-    )
+    said = (("assumed", assumed_sentence(made.assumed)), ("not included", "; ".join(made.not_included)))
+    return [*(("note", note) for note in made.notes), *said]
 
 
 def _write_said(pairs: Sequence[tuple[str, str]]) -> str:

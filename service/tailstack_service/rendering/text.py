@@ -267,7 +267,7 @@ def prose_width() -> int:
 
 # --- colour ---------------------------------------------------------------------------------------
 
-_COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "no requirement": "2", "bold": "1", "warning": "33"}
+_COLOURS = {"pass": "32", "fail": "31", "inconclusive": "33", "neutral": "2", "bold": "1", "warning": "33"}
 
 
 def paint(text: str, role: str) -> str:

@@ -6,8 +6,7 @@ from tailstack.optimisation.half_widths import Allocation
 from tailstack.results.digits import at_least, at_most, percent
 from tailstack.results.optimisation import changes_table
 
-from ...rendering.document import Bullets, Document, KeyNumber, Listing, Paragraph, Section
-from .document import compose_document
+from ...rendering.document import Bullets, Document, KeyNumber, Section, compose_document
 
 
 def allocation_document(allocation: Allocation, sha256: str) -> Document:
@@ -34,8 +33,8 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
             Section("Half-widths", (changes_table(allocation.tolerances),)),
             Section("What binds", (Bullets(allocation.binding or ("Nothing: every half-width is at its largest.",)),)),
         ),
-        Listing(f"tailstack allocate design.yaml {asked} --json"),
-        Paragraph("With the design of the hash named above."),
+        f"tailstack allocate design.yaml {asked} --json",
+        "With the design of the hash named above.",
         kind="Allocation",
         tone="pass" if kept else "fail",
         status=allocation.status,

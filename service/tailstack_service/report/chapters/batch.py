@@ -8,8 +8,7 @@ from typing import Literal
 from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
-from ...rendering.document import Bullets, Document, KeyNumber, Paragraph, Section, group
-from .document import compose_document
+from ...rendering.document import Bullets, Document, KeyNumber, Paragraph, Section, compose_document, group
 
 SHOWN = 40  # rows in a terminal
 

@@ -30,11 +30,11 @@ from ...rendering.document import (
     Listing,
     Paragraph,
     Section,
+    closing_sections,
     tone_of,
 )
 from ..charts import draw_budgets, draw_dots, draw_errors
 from ..records import Comparison, Difference, Report, comparison_decimals, decided_difference, difference_decimals
-from .document import closing_sections
 from .layout import layout_blocks
 from .optimisation import design_listing
 from .report import method_chapter, review_sections

@@ -20,10 +20,9 @@ from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 from tailstack.scoring import provenance, score_errors
 from tailstack.system import System
 
-from ...rendering.document import Document, KeyNumber, Listing, Paragraph, Section
+from ...rendering.document import Document, KeyNumber, Section, compose_document
 from ..beams import Beam, beams_of
 from ..scene import scene_data, scene_of
-from .document import compose_document
 
 Point = tuple[float, float, float]
 Pixel = tuple[float, float]
@@ -179,8 +178,8 @@ def layout_document(layout: Layout, sha256: str) -> Document:
             Section("In space", (_places_table(layout),), on=PAPER),
             Section("In the images", tuple(map(_image_table, layout.views))),
         ),
-        Listing("tailstack layout design.yaml --json"),
-        Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
+        "tailstack layout design.yaml --json",
+        "With the design of the hash named above; `tailstack report design.yaml` draws it.",
         kind="Layout",
         status="layout",
         sentence=sentence,

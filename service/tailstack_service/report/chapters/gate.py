@@ -15,9 +15,18 @@ from ...gate.records import (
     split_findings,
     unjudged_table,
 )
-from ...rendering.document import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
+from ...rendering.document import (
+    Bullets,
+    Document,
+    Facts,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Section,
+    closing_sections,
+    tone_of,
+)
 from ...rendering.text import spell_count
-from .document import closing_sections
 
 MOST_FILES = 20  # in a command
 
@@ -28,7 +37,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     errors = sum(finding.severity == "error" for finding in counted)
     warnings = sum(finding.severity == "warning" for finding in counted)
     passed = sum(design.verdict == "pass" for design in record.designs)
-    tables: list[Block] = [findings_table("Findings", "Findings that count", counted)] if counted else []
+    tables = [findings_table("Findings", "Findings that count", counted)] if counted else []
     if accepted:
         tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
     numbers = [JudgedNumber(design.file, entry) for design in record.designs for entry in design.numbers]

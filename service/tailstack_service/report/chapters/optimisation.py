@@ -37,13 +37,15 @@ from ...rendering.document import (
     Listing,
     Paragraph,
     Section,
+    closing_sections,
     group,
+    provenance_facts,
     say,
     tone_of,
+    verdict_blocks,
 )
 from ...rendering.sentences import decision_sentence, ending_of
 from ...rendering.text import csv_text, plain_text, spell_count
-from .document import closing_sections, provenance_facts, verdict_blocks
 from .layout import Known, layout_blocks, score_if_determined
 from .verification import sampling_blocks
 

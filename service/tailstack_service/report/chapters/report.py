@@ -11,11 +11,22 @@ from tailstack.results.tables import LONG_TABLE, Column, tabulate
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
 from tailstack.results.verification import estimates_table
 
-from ...rendering.document import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
+from ...rendering.document import (
+    Block,
+    Bullets,
+    Document,
+    Facts,
+    Figure,
+    Listing,
+    Paragraph,
+    Section,
+    closing_sections,
+    provenance_facts,
+    tone_of,
+)
 from ...rendering.sentences import units_sentence
 from ..charts import draw_distribution
 from ..records import Report
-from .document import closing_sections, provenance_facts
 from .layout import beads_table, layout_blocks, score_if_determined
 from .optimisation import (
     certificate_blocks,

@@ -60,12 +60,13 @@ from ...rendering.document import (
     Figure,
     Formula,
     KeyNumber,
-    Listing,
     Paragraph,
     Section,
+    compose_document,
     group,
     say,
     tone_of,
+    verdict_blocks,
 )
 from ...rendering.sentences import (
     LOCATED,
@@ -82,7 +83,6 @@ from ...rendering.sentences import (
 )
 from ..charts import PHONE, draw_dots, draw_levers, draw_scale, draw_shares
 from ..records import Allowance, Headline, headline_of, tightest_check
-from .document import compose_document, verdict_blocks
 
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
@@ -109,8 +109,8 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
         ),
-        Listing("tailstack score design.yaml --json"),
-        Paragraph("With the design of the hash named above."),
+        "tailstack score design.yaml --json",
+        "With the design of the hash named above.",
         kind="Estimated error",
         tone=tone_of(headline.status),
         status=headline.status,

@@ -10,10 +10,20 @@ from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
 from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
-from ...rendering.document import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
+from ...rendering.document import (
+    Bullets,
+    Document,
+    Facts,
+    Figure,
+    KeyNumber,
+    Paragraph,
+    Section,
+    compose_document,
+    group,
+    say,
+)
 from ...rendering.text import csv_text, list_reasons, plain_text, spell_count
 from ..charts import draw_sweep, refuse_undrawable
-from .document import compose_document
 
 EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
@@ -52,8 +62,8 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
             ),
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
         ),
-        Listing(_command(sweep)),
-        Paragraph(REPRODUCTION),
+        _command(sweep),
+        REPRODUCTION,
         kind="Sweep",
         status="sweep",
         sentence=sentence,

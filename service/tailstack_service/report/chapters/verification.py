@@ -15,16 +15,16 @@ from ...rendering.document import (
     Document,
     Facts,
     KeyNumber,
-    Listing,
     Paragraph,
     Section,
+    compose_document,
     group,
     say,
     tone_of,
+    verdict_blocks,
 )
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..records import checked_headline
-from .document import compose_document, verdict_blocks
 from .score import headline_figure, key_numbers, measures_blocks
 
 
@@ -51,7 +51,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
             ),
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
         ),
-        Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),
+        f"tailstack verify design.yaml {drawn_by(check)} --json",
         kind="Monte Carlo check",
         tone=tone_of(check.verdict.status),
         status=check.verdict.status,

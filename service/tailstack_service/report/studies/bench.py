@@ -16,10 +16,9 @@ from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison
 from tailstack.studies.bench.levels import LevelCompared
 
-from ...rendering.document import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
+from ...rendering.document import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone, compose_study
 from ...rendering.sentences import trust_sentence
 from ...rendering.text import visible
-from ..chapters.document import compose_study
 from ..charts import RING
 from ..page import beside, titled_page
 from ..svg import broken

@@ -12,8 +12,7 @@ from tailstack.results.look import BLUE, INK, MUTED, VERMILION
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Table, fill
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling
 
-from ...rendering.document import Document, Facts, KeyNumber, Paragraph, Section
-from ..chapters.document import compose_study
+from ...rendering.document import Document, Facts, KeyNumber, Paragraph, Section, compose_study
 from ..page import beside, titled_page
 from ..svg import broken
 

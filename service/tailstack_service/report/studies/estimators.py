@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from tailstack.results.tables import Column, On, Table, tabulate
 
-from ...rendering.document import Bullets, Document, KeyNumber, Paragraph, Section
-from ..chapters.document import compose_study
+from ...rendering.document import Bullets, Document, KeyNumber, Paragraph, Section, compose_study
 
 if TYPE_CHECKING:
     from tailstack.studies.estimators import EstimatorCase, StudyEstimators

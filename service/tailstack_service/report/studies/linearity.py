@@ -13,9 +13,8 @@ from tailstack.results.look import FAINT, INK, MUTED
 from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within, is_beyond
 
-from ...rendering.document import Document, Facts, KeyNumber, Paragraph, Section
+from ...rendering.document import Document, Facts, KeyNumber, Paragraph, Section, compose_study
 from ...rendering.text import csv_text, list_reasons, visible
-from ..chapters.document import compose_study
 from ..page import draw_cells, titled_page
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}

@@ -11,9 +11,8 @@ from tailstack.results.look import BLUE, FAINT, MUTED, PALE, VERMILION
 from tailstack.results.tables import PAPER, Column, On, Table, tabulate
 from tailstack.studies.placement import PlacementCase, StudyPlacement, cases_of
 
-from ...rendering.document import Document, KeyNumber, Paragraph, Section
+from ...rendering.document import Document, KeyNumber, Paragraph, Section, compose_study
 from ...rendering.text import csv_text, plain_text
-from ..chapters.document import compose_study
 from ..page import DOTTED, titled_page
 
 if TYPE_CHECKING:

@@ -12,9 +12,8 @@ from tailstack.results.look import MUTED, VERMILION
 from tailstack.results.tables import LONG_TABLE, PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
-from ...rendering.document import Document, KeyNumber, Paragraph, Section
+from ...rendering.document import Document, KeyNumber, Paragraph, Section, compose_study
 from ...rendering.text import shorten
-from ..chapters.document import compose_study
 from ..charts import shade
 from ..page import titled_page
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 from tailstack.studies.workspace import PLANES, StudyWorkspace, WorkspaceField
 
-from ...rendering.document import Document, KeyNumber, Paragraph, Section
-from ..chapters.document import compose_study
+from ...rendering.document import Document, KeyNumber, Paragraph, Section, compose_study
 from ..charts import shade
 from ..page import titled_page
 
