@@ -25,7 +25,7 @@ const told = async (page) => {
   const { text, steps, position, current } = await state(page);
   return { text, steps, position, current, words: await words(page), limit: await numberOf(page, "limit"), value: await numberOf(page, "value"), p95: await page.locator("#p95").innerText() };
 };
-const offered = (page) => page.waitForFunction(() => /\d/.test(document.querySelector(".rail button").textContent) || document.querySelector(".rail.outdated"), null, { polling: 50 });
+const offered = (page) => page.waitForFunction(() => /\d/.test(document.querySelector(".acts .keep").textContent) || document.querySelector(".rail.outdated"), null, { polling: 50 });
 
 // A handle dragged, held, let go, and taken back; then with keys, given up, and typed
 scenarios.drag = async () => {
@@ -74,7 +74,7 @@ scenarios.keys = async () => {
     await number(page, "limit of tip-accuracy, mm", limit);
     await page.waitForFunction((count) => window.workbench.state().position > count, position);
     await settled(page);
-    await page.locator(".rail button").click();
+    await page.locator(".acts .keep").click();
   };
   await keep("0,9");
   await page.waitForFunction((count) => window.workbench.state().position > count + 1, found.given.position);
@@ -178,7 +178,7 @@ scenarios.barred = async () => {
   page.on("request", (request) => request.url().includes("/v1/allocations") && asks.push(request.url()));
   await drag(page, "limit", 0.2);
   await page.mouse.up();
-  return { ...(await told(page)), asks: asks.length, disabled: await page.locator(".rail button").isDisabled(), locks: await page.locator("button.lock").count() };
+  return { ...(await told(page)), asks: asks.length, disabled: await page.locator(".acts .keep").isDisabled(), locks: await page.locator("button.lock").count() };
 };
 
 export default scenarios;

@@ -41,7 +41,7 @@ const free = computed(() => {
 
 const locked = signal<ReadonlySet<string>>(new Set());
 /** Why nothing can be dragged, where that is seen without asking. */
-const barred = computed(() => {
+export const barred = computed(() => {
   if ([settled.value?.optimise?.tolerances ?? []].flat().some((each: Json) => each?.grades)) return "Half-widths are bought from tables of grades here: nothing in between to drag; Optimise chooses among them.";
   if ([...free.value].every((name) => locked.value.has(name))) return free.value.size ? "Every half-width that is free is locked: open a padlock." : "No half-width of a seat is free: there is nothing to drag.";
   return standing.value.holds || !standing.value.words ? "" : "The estimate does not hold here: nothing to drag by.";
@@ -226,28 +226,23 @@ const told = computed(() => (drag.value || moved.value.design === settled.value 
 
 // --- the handles -------------------------------------------------------------------------------------------------------
 
-/** A scale with what the design comes to and its limit, both to drag; and the limit to keep. */
+const usable = computed(() => standing.value.holds && !barred.value && !refused.value);
+
+/** A scale with what the design comes to and its limit, both to drag; why not, where neither can be. */
 export function Limit() {
   const rail = useRef<HTMLDivElement>(null), check = judged.value, now = drag.value;
   if (!check) return null;
-  const { unit, requirement } = check, d = estimated.value!.digits, end = now?.end ?? scaleFor(check), holds = standing.value.holds && !barred.value && !refused.value, path = limitOf(settled.value, requirement);
+  const { unit, requirement } = check, d = estimated.value!.digits, end = now?.end ?? scaleFor(check), holds = usable.value, path = limitOf(settled.value, requirement);
   const least = now ? now.least : rested.value?.found?.least ?? 0, place = (value: number) => `${(100 * Math.min(1, value / end)).toFixed(2)}%`;
-  const offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
   const where = { limit: now?.of === "limit" ? now.at : check.limit, value: now?.of === "value" ? now.at : check.value };
   const finish = (of: Handle, keys = false) => release(keys ? `${of === "limit" ? "Limit" : check.headline} of ${requirement} by keys, cheapest half-widths` : `${of === "limit" ? "Limit" : check.headline} of ${requirement} to ${drag.value?.at}${sign(unit)}, cheapest half-widths`, keys ? PRESSES : 0);
-  const keep = () => {
-    if (!grab(path ? "limit" : "value")) return;
-    drag.value = { ...drag.value!, least: 0, stated: true };
-    pull(check.limit, true);
-    release(`Keep ${requirement} within ${check.limit}${sign(unit)} by the cheapest half-widths`);
-  };
   const handle = (of: Handle, words: string) => {
-    const value = where[of], usable = holds && (of === "value" || path !== null);
+    const value = where[of], free = holds && (of === "value" || path !== null);
     return (
-      <span class={`handle ${of}`} role="slider" tabIndex={usable ? 0 : -1} aria-disabled={!usable} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)}${sign(unit)}`}
+      <span class={`handle ${of}`} role="slider" tabIndex={free ? 0 : -1} aria-disabled={!free} aria-label={words} aria-valuemin={Number((least || 0).toPrecision(4))} aria-valuemax={Math.max(end, value)} aria-valuenow={Number(value.toPrecision(6))} aria-valuetext={`${stated(Number(value.toFixed(d + 1)), d)}${sign(unit)}`}
         style={{ left: place(value) }} title={`${words}: drag it, or press an arrow key; the cheapest half-widths follow`}
         {...grip({
-          track: () => rail.current!.getBoundingClientRect(), begin: () => usable && grab(of), end: () => finish(of), drop,
+          track: () => rail.current!.getBoundingClientRect(), begin: () => free && grab(of), end: () => finish(of), drop,
           to: (part, wide) => {
             if (!drag.value && !grab(of)) return;
             const { end, share, least } = drag.value!, at = Math.max(part, 1 / wide) * end, goal = of === "value" ? aimFor(check.limit, share, least) : NaN, onEdge = Math.abs(at - goal) * wide < SNAP * end;
@@ -257,7 +252,7 @@ export function Limit() {
         onKeyDown={(event) => {
           if (event.key === "Escape") return drop();
           const by = stepsOf(event), to = { Home: least || value / 100, End: 1.35 * value }[event.key], step = stepFor(check);
-          if (!usable || (by === null && to === undefined)) return;
+          if (!free || (by === null && to === undefined)) return;
           event.preventDefault();
           const begun = drag.value?.at ?? value;
           if (!grab(of)) return;
@@ -272,9 +267,23 @@ export function Limit() {
         <span class="line" />{least > 0 && <span class="beyond" style={{ width: place(least) }} title={rested.value ? wordsOf(rested.value, d, false) : `not below ${mm(least, d + 1)}${sign(unit)} at this layout`} />}
         {handle("value", `${check.headline} of ${requirement}`)}{path && handle("limit", `Limit of ${requirement}`)}
       </div>
-      <button type="button" disabled={!holds || now !== null} title="the cheapest half-widths that keep the limit at this layout; locked ones stay. The cost, to compare by: prices under optimise, otherwise 1 / half-width (mm, rad)" onClick={keep}>{`Keep it at least cost${offer ? `: ${costs(offer)}` : ""}`}</button>
+      {barred.value && <Pulled />}
     </div>
   );
+}
+
+/** The limit as it is, kept at one press. */
+export function Keep() {
+  const check = judged.value, offer = rested.value?.found?.status === "kept" ? rested.value.found : null;
+  if (!check) return null;
+  const { requirement, limit, unit } = check;
+  const keep = () => {
+    if (!grab(limitOf(settled.value, requirement) ? "limit" : "value")) return;
+    drag.value = { ...drag.value!, least: 0, stated: true };
+    pull(limit, true);
+    release(`Keep ${requirement} within ${limit}${sign(unit)} by the cheapest half-widths`);
+  };
+  return <button type="button" class="keep" disabled={!usable.value || drag.value !== null} title="the cheapest half-widths that keep the limit at this layout; locked ones stay. The cost, to compare by: prices under optimise, otherwise 1 / half-width (mm, rad)" onClick={keep}>{`Keep it at least cost${offer ? `: ${costs(offer)}` : ""}`}</button>;
 }
 
 /** What the hand found, or why it finds nothing; how low the limit could be is only for those who ask, or cannot see. */

@@ -15,7 +15,7 @@ import { Checks, interval, limitWords, Measures } from "./Checks";
 import { NumberField } from "./Controls";
 import { Dots } from "./Dots";
 import { Reach } from "./Levers";
-import { Limit, limitOf, Pulled } from "./Limit";
+import { barred, Keep, Limit, limitOf, Pulled } from "./Limit";
 import { Problems } from "./Problems";
 import { handOver, ReportLink } from "./Reports";
 import { Fold, Table, Term } from "./Words";
@@ -76,7 +76,7 @@ export function Verdict() {
       <div class="judged">
       {reading && !problem && <Limit />}
       <div class="sentence">
-        <Pulled />
+        {!barred.value && <Pulled />}
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
         {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
@@ -116,6 +116,7 @@ function Acts() {
       {reported
         ? <ReportLink path={reported.report!} form="html" words="Report" button />
         : <button type="button" aria-label="Report of this design" disabled={!ready || runs_} title="budget, requirements and slack as a document; with a simulation where the design is verified" onClick={() => (verified.value ? verify() : start("Report", "/v1/reports", { parts: ["score"] }))}>Report</button>}
+      {shown.value && !refused.value && <Keep />}
       {ready && !runs_ && <Next />}
       {run && (runs_ || run.text === text.value) && (
         <button type="button" class="small quiet" onClick={() => document.querySelector(".runs")?.scrollIntoView({ block: "center" })}>
@@ -193,7 +194,6 @@ function Findings({ reading }: { reading: AnyReading }) {
           {isBiased(reading) && !advised.value?.wall && ` A ${kind === "estimate" ? "known " : ""}bias of ${mm(Math.hypot(...reading.target.bias_mm), reading.decimals)} mm is most of it: correct for it before any tolerance.`}
         </p>
       ) : <p class="stated">The design states no requirement: nothing is judged. <button type="button" class="small" onClick={() => edit([{ path: ["requirements"], value: [{ name: "accuracy", limit_mm: 1 }] }], "State a limit")}>State a limit</button></p>}
-      <Others of={reading} />
       {wall ? <p class="wall" data-kind="estimate" title={wall.detail}>{`Out of reach, by estimate: ${wall.detail.replace(/; the limit of .* Share of the mean square there: ([^,]+),? ?.*/, "; because $1")}.`}</p> : advised.value?.wall && <p class="wall" data-kind="estimate">{advised.value.wall}</p>}
       {!wall && <Reach />}
       {first}
@@ -201,6 +201,7 @@ function Findings({ reading }: { reading: AnyReading }) {
       <p class="note" title={simulated?.stopping ?? answer.value!.score.validity.statement}>
         {`${simulated ? `Verified: ${simulated.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. ` : ""}${standing.value.words}`}
       </p>
+      <Others of={reading} />
     </>
   );
 }
