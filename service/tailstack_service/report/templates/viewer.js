@@ -109,6 +109,14 @@
 
     // What there is to show, and the scene in words.
     describe() {
+      this.note.textContent = this.scene.note;
+      this.words.textContent = this.scene.words;
+      const listed = JSON.stringify(this.scene.layers.map(({ key, label }) => {
+        const { kind, look } = this.scene.items.find((item) => item.layer === key) || {};
+        return [key, label, kind, look];
+      }));
+      if (listed === this.listed) return; // what moves looks as it did
+      this.listed = listed;
       this.boxes = new Map();
       this.layers.replaceChildren(element("legend", {}, "Shown"));
       for (const layer of this.scene.layers) {
@@ -118,8 +126,6 @@
         box.addEventListener("change", () => this.show(layer.key, box.checked));
         this.layers.append(element("label", {}, box, this.swatch(layer.key), layer.label));
       }
-      this.note.textContent = this.scene.note;
-      this.words.textContent = this.scene.words;
     }
 
     swatch(key) {
