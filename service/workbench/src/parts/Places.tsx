@@ -6,7 +6,7 @@ import { useEffect, useState } from "preact/hooks";
 import { mayBound, worthy } from "../best";
 import { answer, askWhenQuiet, current, layout, refused, type Score, send, targetNames } from "../api";
 import { add, contour, length, type Pixel, type Projection, project, roundStep, type Vector } from "../geometry";
-import { estimated } from "../readings";
+import { type Check, estimated } from "../readings";
 import { design, gesture, type Json, recall, remember, withEdits } from "../state";
 import { brief, decimalsOf } from "../words";
 import { type Bead, beads, type Box, type Plane } from "./Pictures";
@@ -116,6 +116,13 @@ interface Patch {
 }
 const COARSE = 7, FINE = 33, QUICK = 300, REST = 150, REACH = 0.28, INNER = 0.5; // places a side; ms; parts of the picture and of the patch
 
+/** The design with nothing to judge but what decides, where that is: the service judges every row by all there is. */
+function decidingAlone(data: Json, decides: Check | undefined): Json {
+  const { optimise, review, assumed, ...rest } = data, all: Json[] = decides ? data.requirements : [], own = all.length === 1 ? all[0] : all.find(({ name }) => name === decides?.requirement);
+  const entry = data.targets?.find((each: Json) => each?.name === decides?.target.replace(/\[\d+\]$/, "")); // a sample of a region has its name; what joins several has none
+  return { ...rest, requirements: own ? [{ ...own, ...(entry && { targets: [entry.name] }) }] : [] };
+}
+
 /** The patch round a bead that is held or chosen in this picture, once it rests; it is asked for again where it leaves
  * that, or anything else changes. */
 export function usePatch(plane: Plane, bead: Bead | undefined, box: Box, watched: boolean): Patch | null {
@@ -130,7 +137,7 @@ export function usePatch(plane: Plane, bead: Bead | undefined, box: Box, watched
       const side = 2 * REACH * box[2], step = side / (size - 1), corner: Pixel = [at[0] - side / 2, at[1] - side / 2];
       const points = Array.from({ length: size * size }, (_, k) => plane.from(bead.position, [corner[0] + step * (k % size), corner[1] + step * Math.floor(k / size)]));
       const table = Object.fromEntries([0, 1, 2].map((k) => [`/${path!.join("/")}/${k}`, points.map((p) => p[k])])), begin = performance.now();
-      const response = await send("POST", "/v1/scores/batch", { design: design.value, table, columns: [reading.decides ? "value" : "p95_mm"] }, {}, left).catch(() => null);
+      const response = await send("POST", "/v1/scores/batch", { design: decidingAlone(design.value, reading.decides), table, columns: [reading.decides ? "value" : "p95_mm"] }, {}, left).catch(() => null);
       if (!response?.ok) return false;
       const { columns } = (await response.json()) as { columns: Record<string, Json[]> };
       const name = reading.decides ? `value:${reading.decides.requirement}:${reading.decides.target}` : `p95_mm:${reading.target.name}`;
