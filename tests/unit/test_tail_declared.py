@@ -35,6 +35,8 @@ from tailstack.tail.declared import (
     law_gradient,
     law_quantile,
     law_summary,
+    quantiles_at,
+    solve_about,
     solve_on_axes,
 )
 from tailstack.tail.gaussian import norm_cdf, norm_gradient_jit, norm_mean, norm_quantile, norm_sf
@@ -117,6 +119,22 @@ def test_two_sources_by_quadrature(p):
     step = 1e-4
     slope = (law_cdf(SKEWED, result.quantile_mm + step) - law_cdf(SKEWED, result.quantile_mm - step)) / (2 * step)
     assert result.density == pytest.approx(slope, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("p", [0.5, 0.95, 0.99])
+@pytest.mark.parametrize("spread", [0.05, 2.0])
+def test_one_law_at_many_means_by_quadrature(p, spread):
+    """independent: Gauss-Legendre over both sources; means that go together, and others, which are solved alone."""
+    means = np.random.default_rng(5).normal(size=(6, 3))
+    means *= (1 + spread * np.linspace(0, 1, 6)[:, None]) / np.linalg.norm(means, axis=1)[:, None]
+    found = quantiles_at(SKEWED, means, p)
+    for mean, r in zip(means, found, strict=True):
+        moved = replace(SKEWED, mean=mean)
+        assert average(moved, lambda m, r=r: norm_cdf(r, m, SKEWED.covariance)) == pytest.approx(p, abs=2e-5)
+    frame = on_principal_axes(np.zeros(3), SKEWED.covariance, lattice_columns(SKEWED)[0])
+    together = solve_about(p, means @ frame.axes, frame, accuracy_for(p, False))
+    assert np.isnan(together).all() == (spread > 1)
+    assert not np.isnan(together).any() or spread > 1
 
 
 def test_sum_of_uniforms_on_a_line_is_irwin_hall():

@@ -40,6 +40,7 @@ _TABLE = {
     "score": f"""
         9.9 tail.declared.solve_on_axes         f {_FRAME} Accuracy(f f f)
         6.9 tail.declared.outer_lattice         {_FRAME} Accuracy(f f f)
+        9.0 tail.declared.solve_about           f f2 {_FRAME} Accuracy(f f f)
         6.5 tail.lattice.build                  f {_FRAME} Accuracy(f f f) b
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f

@@ -74,6 +74,7 @@ _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NO_OFFSET = 1e-24  # of a square: what rounding leaves of a mean in the plane beyond it
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
+_AROUND, _CHEBYSHEV = 0.015, -np.cos(np.pi * (np.arange(8) + 0.5) / 8)  # of a radius; where polynomials are taken from
 FAR = 10.0  # standard deviations within which all of a law is: beyond is less than exp(-50)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
 WITHIN = 1e-4  # of its order, in which a quantile in the middle of a part may be off
@@ -625,6 +626,16 @@ def law_quantiles(law: LinearLaw, levels: Sequence[float], near: float, *, fine:
     return [found[p] for p in levels]
 
 
+def quantiles_at(law: LinearLaw, means: Array, p: float) -> Array:
+    """(n,) mm: the p-quantiles of a law of one vector with each of the means (n, 3) mm in place of its own, to about
+    1e-4; together where they are about alike."""
+    frame = on_principal_axes(np.zeros(3), law.covariance, lattice_columns(law)[0])
+    found = solve_about(p, means @ frame.axes, frame, accuracy_for(p, False))
+    for i in np.flatnonzero(np.isnan(found)):
+        found[i] = law_quantile(LinearLaw(means[i], law.covariance, law.columns, law.kinds), p, fine=False).quantile_mm
+    return found
+
+
 def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     """P(|e| <= r), r >= 0 mm; absolute error about 1e-8 (sampled laws: 1e-4), not fine: 1e-4.  Raises ValueError."""
     if not r >= 0:
@@ -982,6 +993,62 @@ def probabilities_within(radii: Array, dimension: int, t: Array, w: Array) -> Ar
     for i in range(radii.size):
         out[i] = min(max(ball_sums(radii[i], dimension, t, w)[0], 0.0), 1.0)
     return out
+
+
+@kernel()
+def solve_about(p: float, means: Array, about: PrincipalLaw, accuracy: Accuracy) -> Array:
+    """(n,) mm: the p-quantiles of a law in space about 0 that is moved to each of the means (n, 3) mm, along its axes;
+    NaN: not found here.
+
+    On one lattice, whose terms a mean m multiplies by ``cos k'm``, probabilities are summed at some radii about those
+    of Pearson's form.  The polynomial through them is right to 1e-5 where they lie within twice the least standard
+    deviation; farther apart they are not looked for.
+    """
+    count, low, high = means.shape[0], np.inf, 0.0
+    out, away, mean = np.full(count, np.nan), np.zeros(3), np.zeros(3)
+    for i in range(count):
+        for a in range(3):
+            mean[a] = means[i, a]
+            away[a] = max(away[a], abs(mean[a]))
+        start = start_radius(p, PrincipalLaw(about.sigma, mean, about.S, about.h, away, about.axes, 3, 0.0))
+        low, high = min(low, (1.0 - _AROUND) * start), max(high, (1.0 + _AROUND) * start)
+    if about.dimension < 3 or high - low > 2.0 * about.sigma[2]:
+        return out
+    mean[:] = 0.0
+    lattice = build(high, PrincipalLaw(about.sigma, mean, about.S, about.h, away, about.axes, 3, 0.0), accuracy, True)
+    if lattice.volume == 0.0:
+        return out
+    radii = 0.5 * (low + high) + 0.5 * (high - low) * _CHEBYSHEV
+    k, terms, cosines = lattice.k.T.copy(), np.empty((radii.size, lattice.w.size)), np.empty(lattice.w.size)
+    chances = np.empty(radii.size)
+    for j in range(radii.size):
+        terms[j] = lattice.w * balls(radii[j], lattice.t)
+    for i in range(count):
+        x, y, z = means[i, 0], means[i, 1], means[i, 2]
+        for n in range(cosines.size):  # no branch and no call: in lanes
+            cosines[n] = sine_and_cosine(k[0, n] * x + k[1, n] * y + k[2, n] * z)[1]
+        for j in range(radii.size):
+            chances[j] = sum_of_products(terms[j], cosines)
+        out[i] = _invert(radii, chances, p)
+    return out
+
+
+@kernel()
+def _invert(x: Array, y: Array, level: float) -> float:
+    """Where the polynomial through the values y (n,) at x (n,), both ascending, is at a level; NaN: beyond them."""
+    if not y[0] <= level <= y[-1]:
+        return np.nan
+    newton = y.copy()  # divided differences
+    for j in range(1, x.size):
+        for i in range(x.size - 1, j - 1, -1):
+            newton[i] = (newton[i] - newton[i - 1]) / (x[i] - x[i - j])
+    low, high = x[0], x[-1]
+    for _ in range(50):
+        middle, value = 0.5 * (low + high), 0.0
+        for i in range(x.size - 1, -1, -1):
+            value = value * (middle - x[i]) + newton[i]
+        low, high = (middle, high) if value < level else (low, middle)
+    return float(low)
 
 
 @kernel()

@@ -49,7 +49,16 @@ from ..kernels.numerics import principal_axes
 from ..kernels.store import kernel
 from ..laws import shape_deviates
 from .approximation import pearson_square
-from .declared import LawGradient, LawQuantile, LinearLaw, OneSidedLaw, law_cdf, law_gradient, law_quantile
+from .declared import (
+    LawGradient,
+    LawQuantile,
+    LinearLaw,
+    OneSidedLaw,
+    law_cdf,
+    law_gradient,
+    law_quantile,
+    quantiles_at,
+)
 from .gaussian import norm_gradient_jit, norm_quantile_jit, norm_quantiles, probability_iv
 from .pairs import PairSample, lengths_of, sample_pair
 from .sampling import mean_and_error
@@ -116,9 +125,7 @@ class Units:
         """R (k,) of these units under the declared law of the shot; own (k,): before it is corrected."""
         if self.rays:
             return self.rays.quantiles(self.offset[which], self.p, self.shot.pair_room, own)
-        shot = self.shot
-        laws = (LinearLaw(offset, shot.covariance, shot.columns, shot.kinds) for offset in self.offset[which])
-        return np.array([law_quantile(law, self.p, fine=False).quantile_mm for law in laws])
+        return quantiles_at(self.shot, self.offset[which], self.p)
 
     def doubt_of_rays(self, near: NDArray[np.intp], own: Array) -> float:
         """By how much rays leave R of these units, own (k,), open: a standard error of them all."""
