@@ -13,10 +13,11 @@ from scipy.optimize import minimize
 from optimise_scenes import solve_placement
 from plain_data import EVERY
 from tailstack import Design, DesignError, allocate, load_design, score
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem
-from tailstack.optimisation.allocation import curves_of
 from tailstack.optimisation.closed_limits import close_limits
-from tailstack.optimisation.half_widths import _hold_all, _Model, _Readings
+from tailstack.optimisation.half_widths import _hold_all, _Readings
+from tailstack.optimisation.least_cost import Programme, Widths, curves_of, log_costs, log_squares, solve_programme
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.request import read_request
@@ -138,11 +139,16 @@ def test_a_step_is_the_cheapest_within_every_limit_of_its_model(count: int) -> N
         *[Price("exponential", 9.0, 1.0, 0.2)] * 2,
     ]
     curves, lower, upper = curves_of(prices), np.full(6, 0.02), np.full(6, 1.5)
+    widths = Widths(curves, lower, upper)
+
+    def solve(fixed: Array, by_square: Array) -> Array:
+        return solve_programme(Programme(widths, fixed, by_square), np.zeros(len(fixed)))
+
     for _ in range(20):
         fixed, by_square = rng.uniform(0, 0.5, count), rng.uniform(0, 6, (count, 6)) * rng.integers(0, 2, (count, 6))
-        found = _Model(curves, lower, upper, fixed, by_square).solve()
+        found = solve(fixed, by_square)
         expected = minimize(
-            lambda u: np.log(curves.cost(np.exp(u)).sum()),
+            lambda u: np.log(np.exp(log_costs(curves, np.exp(u))).sum()),
             np.log(lower),
             bounds=np.log([lower, upper]).T,
             constraints={"type": "ineq", "fun": lambda u, f=fixed, b=by_square: 1 - f - b @ np.exp(2 * u)},
@@ -150,12 +156,12 @@ def test_a_step_is_the_cheapest_within_every_limit_of_its_model(count: int) -> N
             options={"ftol": 1e-13, "maxiter": 500},
         )
         assert (fixed + by_square @ found**2).max() <= 1 + 1e-8
-        assert np.log(curves.cost(found).sum()) == pytest.approx(expected.fun, abs=1e-6)
+        assert np.log(np.exp(log_costs(curves, found)).sum()) == pytest.approx(expected.fun, abs=1e-6)
     parts, slope = np.linspace(1.0, 0.5, count), rng.uniform(1, 6, 6)  # of one error: only the tightest is in the way
-    every = _Model(curves, lower, upper, 0.1 * parts, parts[:, None] * slope).solve()
-    np.testing.assert_allclose(every, _Model(curves, lower, upper, np.array([0.1]), slope[None]).solve(), rtol=1e-6)
+    every = solve(0.1 * parts, parts[:, None] * slope)
+    np.testing.assert_allclose(every, solve(np.array([0.1]), slope[None]), rtol=1e-6)
     beyond = np.full(count, 2.0)
-    np.testing.assert_array_equal(_Model(curves, lower, upper, beyond, np.ones((count, 6))).solve(), lower)
+    np.testing.assert_array_equal(solve(beyond, np.ones((count, 6))), lower)
 
 
 @pytest.mark.parametrize("name", ["locators_321", "mean_and_tail", "clipped"])
@@ -249,14 +255,16 @@ def test_closed_limits_are_near_what_is_read_and_pass_through_it(name: str) -> N
         here,
     )
     exact = np.array([each.ratio for each in every])
-    logs, slopes = closed.log_squares(here)
+    logs, slopes = log_squares(closed, here)
     np.testing.assert_allclose(np.exp(logs / 2), exact, rtol=0.04)
     steps = 1e-5 * np.eye(len(here))
-    apart = [closed.log_squares(here * np.exp(step))[0] - closed.log_squares(here * np.exp(-step))[0] for step in steps]
+    apart = [
+        log_squares(closed, here * np.exp(step))[0] - log_squares(closed, here * np.exp(-step))[0] for step in steps
+    ]
     np.testing.assert_allclose(np.transpose(apart) / 2e-5, slopes, atol=0.02)
     closed.anchor(logs, exact)
     for t, each in enumerate(every):
         closed.turn(t, here, each.slopes())
-    logs, slopes = closed.log_squares(here)
+    logs, slopes = log_squares(closed, here)
     np.testing.assert_allclose(np.exp(logs / 2), exact, rtol=1e-9)
     np.testing.assert_allclose(slopes / 2, [each.slopes() for each in every], atol=1e-9)

@@ -399,11 +399,14 @@ PROGRAM = """
 import json, sys
 from contextlib import suppress
 from pathlib import Path
+import numpy as np
 from numba.core import event
 from numba.core.sigutils import normalize_signature
-from tailstack import load_design, optimise, score, score_batch, verify
+from tailstack import allocate, load_design, optimise, score, score_batch, verify
 from tailstack.errors import TailstackError
 from tailstack.kernels import store
+from tailstack.optimisation.allocation import allocate as bound_allocation
+from tailstack.optimisation.prices import reciprocal
 from tailstack_service.operations.example import variants
 
 depth, called, load = [0], [], store.KernelStore.load_overload
@@ -441,6 +444,8 @@ for design in designs[: len(examples)]:
 seen["verify"], called[:] = list(called), []
 for name in ("demo", "tube_carrier"):
     optimise(load_design(Path(sys.argv[1]) / f"{name}.yaml"), starts=2, threads=1)
+allocate(load_design(Path(sys.argv[1]) / "demo.yaml"))
+bound_allocation(0.01 * np.eye(3), np.eye(3), [reciprocal()] * 3, np.ones(3), 1.0, lower=0.1, upper=1.0)
 seen["optimise"] = list(called)
 print(json.dumps(seen))
 """

@@ -34,6 +34,9 @@ _TABLES = (
 )
 _IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2 f4) f2 b f2 i1 f2)"
 _EXCHANGE = f"ExchangeModel({_IMAGING} f2 f1 f2 f3 i1 f1)"
+_CLOSED = "ClosedLimits(f2 f3 f1 f1 b1 f1 f1 f2)"
+_CURVES = "PriceCurves(b1 f1 f1 f1)"
+_WIDTHS = f"Widths({_CURVES} f1 f1)"
 _ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f4 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b1 f5 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
@@ -83,6 +86,11 @@ _TABLE = {
     "optimise": f"""
         6.0 optimisation.exchanging.exchange    i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
         2.0 optimisation.enclosure.enclose      Forms(f4 f4 f2 f3 f3 i1) ViewTurns(f3 f3 i1 f1 f2) f2 f2 i1 f1 f1 f2
+        3.0 optimisation.least_cost.find_cheapest  {_CLOSED} {_WIDTHS} f1 f
+        1.0 optimisation.least_cost.log_squares  {_CLOSED} f1
+        2.0 optimisation.least_cost.solve_programme  Programme({_WIDTHS} f1 f2) f1
+        0.3 optimisation.least_cost.cheapest_widths  {_CURVES} f1 f1 f1
+        0.3 optimisation.least_cost.log_costs   {_CURVES} f1
         1.5 optimisation.mixture.mix            MixedParts(f3 i1 i1 i1 f2 f2) f3 b i i i
         0.4 optimisation.mixture.told_by_rows       f3 f2
         0.4 optimisation.mixture.information_by_rows  f3 f1

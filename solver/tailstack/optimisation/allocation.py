@@ -32,11 +32,11 @@ from math import exp, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import gammaincinv, lambertw
+from scipy.special import gammaincinv
 
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..geometry.arrays import Array
+from .least_cost import PriceCurves, Programme, Widths, cheapest_widths, curves_of, log_costs, solve_programme
 from .prices import Price
 
 # Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
@@ -58,43 +58,6 @@ class BoundedAllocation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PriceCurves:
-    """Prices as arrays (k,): ``weight h^-exponent``, or ``weight exp(-h / scale)`` where ``exponential``."""
-
-    exponential: NDArray[np.bool_]
-    weight: Array
-    exponent: Array
-    scale: Array
-
-    def log_cost(self, half_width: Array) -> Array:
-        """(k,) logarithm of the cost of each half-width (k,) > 0."""
-        fall = np.where(self.exponential, half_width / self.scale, self.exponent * np.log(half_width))
-        return np.asarray(np.log(self.weight) - fall)
-
-    def cost(self, half_width: Array) -> Array:
-        """(k,) cost of each half-width (k,) > 0."""
-        return np.asarray(np.exp(self.log_cost(half_width)))
-
-    def cheapest(self, charge: Array, lower: Array, upper: Array) -> Array:
-        """(k,) least ``cost(h) + charge h^2`` in [lower, upper], charge (k,) >= 0; both terms are convex in h."""
-        with np.errstate(divide="ignore", over="ignore"):
-            best = (self.exponent * self.weight / (2 * charge)) ** (1 / (self.exponent + 2))
-            if self.exponential.any():
-                falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
-                best = np.where(self.exponential, falling, best)
-        return np.minimum(np.maximum(best, lower), upper)
-
-    def yielding(self, half_width: Array, charge: Array) -> Array:
-        """(k,) by how much the square of :meth:`cheapest`, between its bounds, falls for a little more charge."""
-        log_curvature = self.log_cost(half_width) - 2 * np.log(np.where(self.exponential, self.scale, half_width))
-        curvature = np.exp(log_curvature) * np.where(self.exponential, 1.0, self.exponent * (self.exponent + 1))
-        return np.asarray(4 * half_width**2 / (curvature + 2 * charge))
-
-    def only(self, chosen: NDArray[np.bool_]) -> PriceCurves:
-        return PriceCurves(self.exponential[chosen], self.weight[chosen], self.exponent[chosen], self.scale[chosen])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Case:
     """The tolerances that are to be chosen, in units of each limit; the others are part of the noise."""
 
@@ -112,16 +75,6 @@ class _Case:
     def ratios(self, half_width: Array) -> Array:
         """(t,) the bound over limit^2."""
         return squared_bound(self.covariance(half_width), self.p)
-
-
-def curves_of(prices: Sequence[Price]) -> PriceCurves:
-    """Those of prices; of grades the power law through them."""
-    return PriceCurves(
-        np.array([price.curve == "exponential" for price in prices]),
-        np.array([price.weight for price in prices]),
-        np.array([price.exponent for price in prices]),
-        np.array([price.scale for price in prices]),
-    )
 
 
 def allocate(
@@ -150,8 +103,8 @@ def allocate(
     def answer(chosen: Array, dual: float | None) -> BoundedAllocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
         half_width[free] = chosen
-        cost = float(curves.cost(half_width).sum())
-        fixed = cost - float(case.curves.cost(chosen).sum())
+        cost = float(np.exp(log_costs(curves, half_width)).sum())
+        fixed = cost - float(np.exp(log_costs(case.curves, chosen)).sum())
         least = cost if dual is None else min(fixed + dual, cost)
         gap = (cost - least) / cost if cost > 0 else 0.0
         return BoundedAllocation(half_width, cost, least, gap)
@@ -228,30 +181,15 @@ def _refuse_unconverged(detail: str) -> NotConvergedError:
 def _unit(case: _Case) -> Array:
     """(k,) unit of the solver's variables, in which they are near 1 whatever rad, mm and the cost's unit are.
 
-    The optimum under the bound by the trace, max_k (q_k / k) tr S, with one multiplier for all targets (limits doubled
-    in the square where even the smallest half-widths break it), but not far below the largest: there the solver would
-    see nothing but the box.
+    The optimum under the bound by the trace, max_k (q_k / k) tr S (limits doubled in the square where even the smallest
+    half-widths break it), but not far below the largest: there the solver would see nothing but the box.
     """
-    size = np.trace(case.outer, axis1=2, axis2=3)  # (t, k)
-    noise = np.trace(case.noise, axis1=1, axis2=2)
     constant = float((chi_square_quantile(case.p, _MULTIPLICITY) / _MULTIPLICITY).max())
-    aim = max(1.0, 2.0 * constant * float((noise + size @ case.lower**2).max()))
-
-    def chosen(log_multiplier: float) -> Array:
-        return case.curves.cheapest(np.exp(log_multiplier) * size.sum(axis=0), case.lower, case.upper)
-
-    def over(log_multiplier: float) -> float:
-        return float((constant * (noise + size @ chosen(log_multiplier) ** 2)).max()) - aim
-
-    if constant * (noise + size @ case.upper**2).max() <= aim:
-        return case.upper
-    middle = float(case.curves.log_cost(case.upper).max())
-    less, more = middle, middle
-    while over(less) < 0:
-        less -= 5.0
-    while over(more) > 0:
-        more += 5.0
-    best = chosen(brentq(over, less, more, xtol=1e-12) if more > less else middle)
+    size = constant * np.trace(case.outer, axis1=2, axis2=3)  # (t, k)
+    noise = constant * np.trace(case.noise, axis1=1, axis2=2)
+    aim = max(1.0, 2.0 * float((noise + size @ case.lower**2).max()))
+    widths, by_square = Widths(case.curves, case.lower, case.upper), np.ascontiguousarray(size / aim)
+    best = solve_programme(Programme(widths, noise / aim, by_square), np.zeros(len(noise)))
     return np.asarray(np.maximum(best, 0.03 * case.upper))
 
 
@@ -269,7 +207,7 @@ def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
     import cvxpy as cp
 
     curves, targets, tilt = case.curves, case.noise.shape[0], frobenius_constant(case.p)
-    log_scale = float(np.logaddexp.reduce(curves.log_cost(unit)))  # the scale itself may underflow
+    log_scale = float(np.logaddexp.reduce(log_costs(curves, unit)))  # the scale itself may underflow
     rate = np.where(curves.exponential, unit / curves.scale, curves.exponent)
     outer = case.outer * (unit**2)[:, None, None]
     x, z = cp.Variable(len(unit)), cp.Variable(len(unit))
@@ -281,7 +219,7 @@ def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
     total = cp.reshape(tilt * _vectors(case.noise).ravel() + matrices @ x, (targets, 6), order="C")
     traces = np.trace(case.noise, axis1=1, axis2=2) + np.trace(outer, axis1=2, axis2=3) @ x
     within = traces + cp.norm(total, 2, axis=1) <= 1
-    cost = cp.sum(cp.exp(curves.log_cost(unit) - log_scale - cp.multiply(rate, z)))
+    cost = cp.sum(cp.exp(log_costs(curves, unit) - log_scale - cp.multiply(rate, z)))
     problem = cp.Problem(cp.Minimize(cost), [*constraints, within])
     # Not problem.solve: it warns of an almost solved programme, where the dual bound below is the judge.
     data, chain, inverse = problem.get_problem_data(cp.CLARABEL, solver_opts=_SOLVER_OPTIONS)
@@ -304,9 +242,9 @@ def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
     bound's place the Lagrangian is a sum over the tolerances, minimised one by one.
     """
     charge = np.einsum("t,tab,tiab->i", multipliers, matrices, case.outer)
-    best = case.curves.cheapest(charge, case.lower, case.upper)
+    best = cheapest_widths(case.curves, charge, case.lower, case.upper)
     room = 1 - np.einsum("tab,tab->t", matrices, case.noise)
-    return float(case.curves.cost(best).sum() + charge @ best**2 - multipliers @ room)
+    return float(np.exp(log_costs(case.curves, best)).sum() + charge @ best**2 - multipliers @ room)
 
 
 _MULTIPLICITY = np.array([1.0, 2.0, 3.0])

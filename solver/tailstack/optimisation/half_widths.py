@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ..design import Design
 from ..design.loading import locate_refusals
@@ -24,10 +23,10 @@ from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
-from .allocation import PriceCurves, curves_of
-from .closed_limits import ClosedLimits, close_limits
+from .closed_limits import close_limits
 from .contradictions import refuse_contradictions
 from .exact_law import ExactQuantile, exact_quantile, law_slopes
+from .least_cost import AIM, MOST_STEPS, Widths, curves_of, find_cheapest, log_squares
 from .prices import cost_of
 from .problem import (
     PlacementProblem,
@@ -41,11 +40,7 @@ from .problem import (
 from .request import read_request, round_down
 from .terms import linearise_demand
 
-AIM = 4e-6  # of a limit: how far below it the values are brought
 SHORT = 1.2e-5  # of a limit: a value no farther below it is there
-EXACT, TRIES = 1e-9, 50  # of a limit: how far the model is solved, and how many steps that may take
-LARGEST = 300.0  # logarithm of a multiplier at which everything is at its least
-MOST_STEPS = 40
 SETTLED, ROUGHLY = 1e-4, 1e-2  # relative steps of half-widths by which closed forms are solved, and before a reading
 STAYS = 0.06  # relative change of half-widths, after which slopes by them are still good
 NEARLY, CLOSELY = 0.02, 0.1  # of a limit: a value no farther below it may hold the cost up; in closed form
@@ -167,7 +162,13 @@ class _Reading:
     half_width: Array
     model: ErrorModel
     exact: ExactQuantile
-    doubt: float  # relative, of its value; 0: it was read exactly
+    error: float  # relative, of its value; 0: it was read exactly
+    apart: float = 0.0  # largest logarithm of half-widths that it does for by its own
+
+    @property
+    def doubt(self) -> float:
+        """Relative, of its value."""
+        return self.error + 2 * float(np.expm1(self.apart))
 
     def may_reach(self, ratio: float) -> bool:
         """Whether its value over its limit may be this or more."""
@@ -235,8 +236,7 @@ class _Readings:
         self._mounts = {mount.name: mount for mount in system.interfaces}
         self.read: dict[int, _Reading] = {}
         for t, each in before.read.items() if before else ():
-            apart = float(np.abs(np.log(half_width / each.half_width)).max())
-            moved = replace(each, doubt=each.doubt + 2 * np.expm1(apart))
+            moved = replace(each, apart=float(np.abs(np.log(half_width / each.half_width)).max()))
             if each.model.room is None and not moved.may_reach(1 - NEARLY):
                 self.read[t] = moved
 
@@ -279,14 +279,15 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
         [each.exact.worst for each in least],
         problem.lower,
     )
-    search = _Search(curves_of([free.price for free in problem.half_widths]), problem.lower, problem.upper, closed)
-    found, _ = search.solve(np.clip(present_choice(problem).half_width, problem.lower, problem.upper), ROUGHLY)
+    widths = Widths(curves_of([free.price for free in problem.half_widths]), problem.lower, problem.upper)
+    start = np.clip(present_choice(problem).half_width, problem.lower, problem.upper)
+    found, _ = find_cheapest(closed, widths, start, ROUGHLY)
     readings, turned_at = None, dict[int, tuple[Array, float]]()
     for steps in range(MOST_STEPS):
         exactly = steps > 0
         aimed, found = found, _round(problem, found) if exactly else found
         readings = _Readings(problem, held, found, readings)
-        logs, _ = closed.log_squares(found)
+        logs, _ = log_squares(closed, found)
         near = np.exp(logs / 2) >= 1 - (NEARLY if exactly else CLOSELY)
         ratios = np.full(len(held), np.nan)
         for t in np.flatnonzero(near | exactly).tolist():
@@ -296,15 +297,15 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
             if each.half_width is found:
                 ratios[t] = each.ratio
         closed.anchor(logs, ratios)
-        end, binding = search.solve(found)
-        turned = False
-        for t in binding if exactly else []:
+        end, multipliers = find_cheapest(closed, widths, found, SETTLED)
+        binding, turned = np.flatnonzero(multipliers).tolist() if exactly else [], False
+        for t in binding:
             at, reach = turned_at.get(t, (found, 0.0))
             if not np.abs(np.log(found / at)).max() < reach:
                 closed.turn(t, found, readings.at(t, fine=True).slopes())
                 turned_at[t], turned = (found, 2 * reach or STAYS), True
         if turned:
-            end, _ = search.solve(found)
+            end, _ = find_cheapest(closed, widths, found, SETTLED)
         elif exactly:
             largest = max(readings.at(t, fine=False).ratio for t in range(len(held)))
             foreseen = np.abs(np.log(end / aimed)).max() <= SETTLED and all(
@@ -317,129 +318,10 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
     raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Search:
-    """The least cost within all limits in closed form."""
-
-    curves: PriceCurves
-    lower: Array  # (K,)
-    upper: Array  # (K,)
-    closed: ClosedLimits
-
-    def solve(self, half_width: Array, settled: float = SETTLED) -> tuple[Array, list[int]]:
-        """(half-widths (K,), which limits hold the cost up), from some half-widths: the squares are taken to be linear
-        in the squares of half-widths, as a mean square is, again where that led until it is settled.
-
-        From the second step on by the mixture of two that leaves least of both (Anderson 1965, Journal of the ACM 12,
-        547-560): such steps creep, and some swing.
-        """
-        ended, moved, multipliers = half_width, np.zeros(len(half_width)), np.zeros(len(self.closed.limit))
-        for step in range(MOST_STEPS):
-            logs, slopes = self.closed.log_squares(half_width)
-            squares = np.exp(logs) / (1 - AIM) ** 2
-            linear = squares[:, None] * slopes / (2 * half_width**2)
-            fixed = squares - linear @ half_width**2
-            end = np.log(_Model(self.curves, self.lower, self.upper, fixed, linear).solve(multipliers))
-            move = end - np.log(half_width)
-            if np.abs(move).max() <= settled:
-                break
-            other = move - moved
-            back = float(move @ other) / max(float(other @ other), 1e-300) if step else 0.0
-            half_width = np.clip(np.exp(end - back * (end - ended)), self.lower, self.upper)
-            ended, moved = end, move
-        return np.exp(end), np.flatnonzero(multipliers).tolist()
-
-
 def _round(problem: PlacementProblem, half_width: Array) -> Array:
     """(K,) half-widths as the document has them, none looser."""
     each = zip(half_width.tolist(), problem.half_widths, strict=True)
     return np.array([round_down(value, free, unit_of(problem, k)) for k, (value, free) in enumerate(each)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Model:
-    """The least cost with ``fixed + by_square h^2 <= 1`` for each of T limits: at what these charge for the square of
-    each half-width, each is the cheapest by itself."""
-
-    curves: PriceCurves
-    lower: Array  # (K,)
-    upper: Array  # (K,)
-    fixed: Array  # (T,)
-    by_square: Array  # (T, K)
-
-    def charge(self, multipliers: Array) -> Array:
-        """(K,) for the square of each half-width, at the multipliers (T,) of the limits."""
-        return np.maximum(multipliers @ self.by_square, 0.0)
-
-    def cheapest(self, multipliers: Array) -> Array:
-        """(K,) half-widths at those."""
-        return self.curves.cheapest(self.charge(multipliers), self.lower, self.upper)
-
-    def excess(self, half_width: Array) -> Array:
-        """(T,) beyond each limit."""
-        return np.asarray(self.fixed + self.by_square @ half_width**2 - 1)
-
-    def solve(self, near: Array | None = None) -> Array:
-        """(K,) half-widths; the least where they do not keep the limits.
-
-        near: (T,) multipliers, those that are above 0 sought there first; what was found is left in it.
-        """
-        start, multipliers = np.zeros(len(self.fixed)) if near is None else near.copy(), np.zeros(len(self.fixed))
-        for met in range(len(multipliers)):
-            excess = self.excess(self.cheapest(multipliers))
-            if excess.max() <= EXACT:
-                break
-            self._meet(t := int(excess.argmax()), multipliers, float(start[t]))
-            if met:
-                self._meet_all(multipliers)
-        if near is not None:
-            near[:] = multipliers
-        return self.cheapest(multipliers)
-
-    def _meet(self, t: int, multipliers: Array, near: float) -> None:
-        """Put one multiplier where its limit, which is broken without it, is kept at the others as they are, in
-        place."""
-
-        def over(logarithm: float) -> float:
-            multipliers[t] = np.exp(logarithm)
-            return float(self.excess(self.cheapest(multipliers))[t])
-
-        if self.excess(self.lower)[t] >= 0:
-            multipliers[t] = np.exp(LARGEST)
-            return
-        less = more = np.log(near) if near > 0 else float(self.curves.log_cost(self.upper).max())
-        step = 0.1 if near > 0 else 4.0
-        while over(less) < 0:
-            less, step = less - step, 2 * step
-        while over(more) > 0 and more < LARGEST:
-            more, step = more + step, 2 * step
-        multipliers[t] = np.exp(brentq(over, less, more, xtol=1e-11) if more > less else more)
-
-    def _meet_all(self, multipliers: Array) -> None:
-        """Newton's method in the dual with what is not above 0 held at 0 (Bertsekas 1982, SIAM Journal on Control and
-        Optimization 20, 221-246), in place."""
-
-        def dual(at: Array) -> float:
-            half_width = self.cheapest(at)
-            return float(self.curves.cost(half_width).sum() + at @ self.excess(half_width))
-
-        for _ in range(TRIES):
-            half_width = self.cheapest(multipliers)
-            excess = self.excess(half_width)
-            free = (multipliers > 0) | (excess > 0)
-            if np.abs(excess[free]).max(initial=0.0) <= EXACT:
-                return
-            between = (half_width > self.lower) & (half_width < self.upper)
-            yielding = np.where(between, self.curves.yielding(half_width, self.charge(multipliers)), 0.0)
-            own = self.by_square[free]
-            bend = (own * yielding) @ own.T
-            step, part = np.zeros(len(multipliers)), 1.0
-            step[free] = np.linalg.lstsq(bend + 1e-9 * np.trace(bend) * np.eye(len(bend)), excess[free], rcond=None)[0]
-            here, moved = dual(multipliers), np.maximum(multipliers + step, 0.0)
-            while dual(moved) < here + 1e-4 * float(excess @ (moved - multipliers)) and part > 1e-15:
-                part /= 2
-                moved = np.maximum(multipliers + part * step, 0.0)
-            multipliers[:] = moved
 
 
 def _report(

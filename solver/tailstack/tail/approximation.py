@@ -108,6 +108,17 @@ def pearson_square(c1: Any, c2: Any, c3: Any, z: float) -> Any:
     return c1 + root * b * (3 + 3 * w + w * w)
 
 
+@register_jitable
+def pearson_slopes(c2: Any, c3: Any, z: float) -> tuple[Any, Any]:
+    """Derivatives of :func:`pearson_square` by c2 and c3; by c1 it is 1."""
+    root = c2**0.5
+    gamma = c3 / (c2 * root)
+    b = THIRD_OF_ROOT_2 * z - gamma * (2 / 9)
+    w = gamma * b
+    by_gamma = b * (b - gamma * (2 / 9)) * (3 + 2 * w) - (3 + 3 * w + w * w) * (2 / 9)
+    return (b * (3 + 3 * w + w * w) - 3 * gamma * by_gamma) / (2 * root), by_gamma / c2
+
+
 def _product(a: Matrix, b: Matrix) -> list[list[Any]]:
     return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
 
@@ -124,17 +135,6 @@ def _apply(a: Matrix, v: Vector) -> list[Any]:
 def _mix(a: Matrix, b: Matrix, by: tuple[Any, Any]) -> list[list[Any]]:
     """by[0] a + by[1] b."""
     return [[by[0] * a[i][j] + by[1] * b[i][j] for j in range(3)] for i in range(3)]
-
-
-def _pearson_slopes(p: float, cumulants: tuple[Any, Any, Any]) -> tuple[Any, Any]:
-    """Derivatives of :func:`pearson_square` by c2 and c3; by c1 it is 1."""
-    _, c2, c3 = cumulants
-    root = c2**0.5
-    gamma = c3 / (c2 * root)
-    b = THIRD_OF_ROOT_2 * float(ndtri(p)) - gamma * (2 / 9)
-    w = gamma * b
-    by_gamma = b * (b - gamma * (2 / 9)) * (3 + 2 * w) - (3 + 3 * w + w * w) * (2 / 9)
-    return (b * (3 + 3 * w + w * w) - 3 * gamma * by_gamma) / (2 * root), by_gamma / c2
 
 
 def _moment_at_quantile(
@@ -165,7 +165,7 @@ def _moment_at_quantile(
                 for j in axes:
                     k2[i][j] = k2[i][j] + kappa4 / 2 * gg * g[i] * g[j]
                     k3[i][j] = k3[i][j] + square * g[i] * g[j] + cross[i] * g[j] + g[i] * cross[j]
-    by_c2, by_c3 = _pearson_slopes(fraction, (_trace(metric, k1), _trace(metric, k2), _trace(metric, k3)))
+    by_c2, by_c3 = pearson_slopes(_trace(metric, k2), _trace(metric, k3), float(ndtri(fraction)))
     return _mix(k1, _mix(k2, k3, (2 * by_c2, 3 * by_c3)), (1, 1))
 
 
@@ -199,7 +199,7 @@ def unit_quantile_squared(
         )
 
     moment = _moment_at_quantile(fraction, identity, mean, installation, columns)
-    by_c2, by_c3 = _pearson_slopes(p, shot_cumulants(moment))
+    by_c2, by_c3 = pearson_slopes(*shot_cumulants(moment)[1:], float(ndtri(p)))
     metric = _mix(identity, _mix(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
     moment = _moment_at_quantile(fraction, metric, mean, installation, columns)
     return pearson_square(*shot_cumulants(moment), float(ndtri(p)))
