@@ -42,6 +42,7 @@ _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
     "score": f"""
         9.9 tail.declared.solve_on_axes         f {_FRAME} Accuracy(f f f)
+        6.0 tail.declared.solve_on_lattice      f {_FRAME} Accuracy(f f f) f Lattice(f1 f1 f2 f f)
         6.9 tail.declared.outer_lattice         {_FRAME} Accuracy(f f f)
         9.0 tail.declared.solve_about           f f2 {_FRAME} Accuracy(f f f)
         6.5 tail.lattice.build                  f {_FRAME} Accuracy(f f f) b
