@@ -1,4 +1,4 @@
-"""Python processes of our own: how one is started, computing processes as whoever wants them sees them, what Linux has.
+"""Python processes of our own: how one is started, computing processes as whoever wants them sees them, what they say.
 
 Each has the same interpreter and the same modules, and one thread in heavy loops.  Computing processes are forked from
 a nursery (Linux), or started by themselves.
@@ -15,6 +15,7 @@ import os
 import pickle
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -22,7 +23,7 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple
 
 from tailstack.kernels.process import SINGLE_THREADED
 from tailstack.kernels.sources import SourceFile, digest_of_all, read_sources
@@ -208,6 +209,51 @@ def _peek(line: socket.socket, flags: int) -> bytes:
     with suppress(ConnectionResetError):  # it ended before it had read everything
         return line.recv(LONGEST_CODE, socket.MSG_PEEK | flags)
     return b""
+
+
+# --- messages ------------------------------------------------------------------------------------------------
+
+# A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
+#
+# A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps, when what was sent
+# has been read, how many seconds of CPU the rest is expected to take (a float), to which the answer is whether it is to
+# go on (True) or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process
+# is to be replaced, and the seconds of CPU that it took.
+
+BEGUN = "begun"  # said by a computing process when it has taken up a task
+OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
+_LENGTH = struct.Struct("<Q")
+
+
+def pack(message: Any) -> bytes:
+    """A message as it travels."""
+    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+    return _LENGTH.pack(len(content)) + content
+
+
+def send(stream: IO[bytes], message: Any) -> None:
+    """Raises OSError if nobody reads any more."""
+    stream.write(pack(message))
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """The next message.  Raises EOFError if the other side ended, in the middle of one or before."""
+    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
+    return pickle.loads(_exactly(stream, length))
+
+
+async def receive_async(stream: asyncio.StreamReader) -> Any:
+    """The next message, for an event loop.  Raises asyncio.IncompleteReadError (an EOFError) and OSError."""
+    (length,) = _LENGTH.unpack(await stream.readexactly(_LENGTH.size))
+    return pickle.loads(await stream.readexactly(length))
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytes:
+    content = stream.read(count)
+    if len(content) < count:
+        raise EOFError
+    return content
 
 
 # --- the interpreter, the code, the environment ---------------------------------------------------------

@@ -23,8 +23,8 @@ from typing import IO, Any
 
 from tailstack.kernels.process import ignore_settings_of_folder
 
-from .birth import digest_files, limit_memory, resident_bytes
-from .task import BEGUN, OTHER_CODE, Estimated, receive, send
+from .birth import BEGUN, OTHER_CODE, digest_files, limit_memory, receive, resident_bytes, send
+from .task import Estimated
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.

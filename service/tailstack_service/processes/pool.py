@@ -16,8 +16,8 @@ from math import inf
 from typing import Any
 
 from ..clock import SYSTEM_CLOCK, Clock
-from .birth import describe_ending, read_processor_time, start_child
-from .task import BEGUN, OTHER_CODE, Defect, Died, NotBegun, OutOfDate, PutBack, pack, receive_async
+from .birth import BEGUN, OTHER_CODE, describe_ending, pack, read_processor_time, receive_async, start_child
+from .task import Defect, Died, NotBegun, OutOfDate, PutBack
 
 LOOK_SECONDS = 0.25  # between two looks at what a process does
 

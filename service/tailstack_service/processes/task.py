@@ -1,21 +1,18 @@
-"""What is handed to a computing process, what comes back and how it travels, and how a computation can fail.
+"""What is handed to a computing process, what comes back, and how a computation can fail.
 
 Tasks and outcomes are frozen records of bytes, the same for every engine.
 """
 
 from __future__ import annotations
 
-import pickle
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from asyncio import StreamReader
+from typing import Any
 
 NAMED = "design_sha256"  # field of a request, instead of ``design``: a design that was sent before, by its hash
 Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
+PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
+CHECK = "tailstack_service.operations.perform:check_once"  # calls the kernels that nearly every task needs
 ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
 
 
@@ -73,53 +70,6 @@ class Estimated:
 
 # States that a job does not leave
 ENDED = frozenset({"succeeded", "failed", "cancelled"})
-
-
-# --- messages ------------------------------------------------------------------------------------------------
-
-# A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
-#
-# A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps, when what was sent
-# has been read, how many seconds of CPU the rest is expected to take (a float), to which the answer is whether it is to
-# go on (True) or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process
-# is to be replaced, and the seconds of CPU that it took.
-
-PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
-CHECK = "tailstack_service.operations.perform:check_once"  # calls the kernels that nearly every task needs
-BEGUN = "begun"  # said by a computing process when it has taken up a task
-OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
-_LENGTH = struct.Struct("<Q")
-
-
-def pack(message: Any) -> bytes:
-    """A message as it travels."""
-    content = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-    return _LENGTH.pack(len(content)) + content
-
-
-def send(stream: IO[bytes], message: Any) -> None:
-    """Raises OSError if nobody reads any more."""
-    stream.write(pack(message))
-    stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """The next message.  Raises EOFError if the other side ended, in the middle of one or before."""
-    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
-    return pickle.loads(_exactly(stream, length))
-
-
-async def receive_async(stream: StreamReader) -> Any:
-    """The next message, for an event loop.  Raises asyncio.IncompleteReadError (an EOFError) and OSError."""
-    (length,) = _LENGTH.unpack(await stream.readexactly(_LENGTH.size))
-    return pickle.loads(await stream.readexactly(length))
-
-
-def _exactly(stream: IO[bytes], count: int) -> bytes:
-    content = stream.read(count)
-    if len(content) < count:
-        raise EOFError
-    return content
 
 
 # --- failures ------------------------------------------------------------------------------------------------
