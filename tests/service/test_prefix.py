@@ -21,7 +21,8 @@ from service_scenes import ROOT, check_problem, client_of, client_with, read_ans
 from family import started
 from plain_data import places_of, value_at
 from tailstack_service.console.remote import RemoteService
-from tailstack_service.http.answers import Prefix, read_root_path
+from tailstack_service.http.answers import read_root_path
+from tailstack_service.http.app import Prefix
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
@@ -113,7 +114,7 @@ async def test_headers_of_any_answer() -> None:
         return {"type": "http.disconnect"}
 
     scope = {"type": "http", "path": "/x", "headers": [], "client": ("127.0.0.1", 1)}
-    await Prefix(app, Settings(root_path=MOUNTED))(scope, receive, send)
+    await Prefix(app, read_root_path(Settings(root_path=MOUNTED)))(scope, receive, send)
     (start,) = sent
     assert dict(start["headers"]) == {
         b"location": b"/tools/tailstack/v1/a",

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 from urllib.parse import quote
 
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tailstack.errors import Problem
 
@@ -113,7 +113,6 @@ def takes(request: Request, header: str, wanted: str) -> bool:
 # headers and records, begins with that path.  Requests are answered whether the proxy cuts it off or not.
 LONGEST_ROOT = 200
 _PREFIX = re.compile(r"(/(?!\.{1,2}(/|$))[A-Za-z0-9._~-]+)+")
-_LEAD = (b"location", b"content-location")
 _root: ContextVar[str] = ContextVar("root", default="")
 
 
@@ -127,39 +126,14 @@ def cut_root(path: str) -> str:
     return path.removeprefix(_root.get()) or "/"
 
 
-class Prefix:
-    """Tells routes and answers below which path the client sees them."""
-
-    def __init__(self, app: ASGIApp, settings: Settings) -> None:
-        self._app, self._root = app, read_root_path(settings)
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        root = self._root
-        if not root or scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        path = scope["path"]
-        whole = path if path.startswith(f"{root}/") else root + ("/" if path == root else path)
-        lead = root.encode()
-
-        async def send_below(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [(name, _begin_with(lead, name, value)) for name, value in message["headers"]]
-            await send(message)
-
-        token = _root.set(root)
-        try:
-            await self._app({**scope, "path": whole, "root_path": root}, receive, send_below)
-        finally:
-            _root.reset(token)
-
-
-def _begin_with(lead: bytes, name: bytes, value: bytes) -> bytes:
-    """The value of a header with the paths in it below ``lead``."""
-    name = name.lower()
-    if name in _LEAD and value.startswith(b"/"):
-        return lead + value
-    return value.replace(b"</", b"<" + lead + b"/") if name == b"link" else value
+@contextmanager
+def seen_below(root: str) -> Iterator[None]:
+    """Meanwhile clients see the paths of this service below this one."""
+    token = _root.set(root)
+    try:
+        yield
+    finally:
+        _root.reset(token)
 
 
 def read_root_path(settings: Settings) -> str:

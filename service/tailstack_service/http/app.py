@@ -1,4 +1,4 @@
-"""The application: what it is made of, its start and its end, and the one layer around every answer."""
+"""The application: what it is made of, its start and its end, and the layers around every answer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ..problems import TransportError
 from ..settings import Settings, load_settings
 from . import information, jobs, pages, posting
 from .access import Access
-from .answers import Prefix
+from .answers import read_root_path, seen_below
 from .compute_pool import ComputePool, stopping_error
 from .metrics import NO_ROUTE, Metrics
 from .openapi import document
@@ -53,7 +53,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
 
     ``warm_up`` starts the computing processes, and compiles the kernels, when the application starts; readiness tells
     when that is done.  The database is opened when it is first needed.  ``app.state.service.stopping`` ends every
-    computation, wait and stream.  Raises RequestError for settings of authentication that cannot work.
+    computation, wait and stream.  Raises RequestError for settings of authentication, or a path, that cannot work.
     """
     settings = load_settings() if settings is None else settings
     app = _Application(
@@ -102,7 +102,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
         clock=clock,
     )
     app.add_middleware(Answering, service=app.state.service)
-    app.add_middleware(Prefix, settings=settings)
+    app.add_middleware(Prefix, root=read_root_path(settings))
     return app
 
 
@@ -259,3 +259,38 @@ class Answering:
             "tenant": None if caller is None else caller.tenant,
         }
         log.info("answered a request for %s", route if known else "what is not there", extra=fields)
+
+
+_LEAD = (b"location", b"content-location")
+
+
+class Prefix:
+    """Tells routes and answers below which path the client sees them; "": below none."""
+
+    def __init__(self, app: ASGIApp, root: str) -> None:
+        self._app, self._root = app, root
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        root = self._root
+        if not root or scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        path = scope["path"]
+        whole = path if path.startswith(f"{root}/") else root + ("/" if path == root else path)
+        lead = root.encode()
+
+        async def send_below(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [(name, _begin_with(lead, name, value)) for name, value in message["headers"]]
+            await send(message)
+
+        with seen_below(root):
+            await self._app({**scope, "path": whole, "root_path": root}, receive, send_below)
+
+
+def _begin_with(lead: bytes, name: bytes, value: bytes) -> bytes:
+    """The value of a header with the paths in it below ``lead``."""
+    name = name.lower()
+    if name in _LEAD and value.startswith(b"/"):
+        return lead + value
+    return value.replace(b"</", b"<" + lead + b"/") if name == b"link" else value
