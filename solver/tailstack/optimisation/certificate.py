@@ -48,7 +48,7 @@ def name_binding(
         if row.lower == row.upper:  # on a surface by definition
             continue
         if row.kind in ("quantile", "cost"):
-            sampled = row.kind == "quantile" and program.terms[t].demand.nested
+            sampled = row.kind == "quantile" and program.terms[t].demand.is_nested
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
                 binding.append(_upper_text(program, t, row))
         elif value <= row.lower + TOUCHING:
@@ -214,7 +214,7 @@ def _bound_by_tangents(exact: PlacementSolution, cost: float) -> Relaxation | No
 def _is_log_concave(term: DemandTerms, item: Evaluation) -> bool:
     """Whether a limit is that of a quantile of what nothing known moves, over all units and shots together."""
     demand = term.demand
-    return not (demand.nested or not demand.requirement.row.by_quantile or term.at_ends or item.mean_mm.any())
+    return not (demand.is_nested or not demand.requirement.row.by_quantile or term.at_ends or item.mean_mm.any())
 
 
 def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
@@ -227,7 +227,7 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
             f"not convex in the {what}: KKT certifies a local optimum, the spread over starts is all that is known "
             "beyond that"
         )
-    if any(term.demand.nested for term in search.terms):
+    if any(term.demand.is_nested for term in search.terms):
         return "risk per unit or per mounting is not convex in the variances: KKT certifies a local optimum"
     if len({term.demand.requirement.quantile for term in search.terms}) > 1:
         return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"

@@ -44,9 +44,11 @@ def close_limits(
         fixed, added = known[key]
         every = (LEAST * row.limit) ** 2 * np.eye(3)
         least = _pack(np.zeros(3), every, np.zeros((3, 3)), every, np.zeros(()), np.zeros(()))
-        level = demand.fraction if demand.nested else sum(level * weight for level, weight in row.mixture)
+        level = demand.fraction if demand.is_nested else sum(level * weight for level, weight in row.mixture)
         normal = ndtri(max(level, LEAST_LEVEL)), ndtri(row.quantile)
-        parts.append((fixed + least, added, *normal, demand.nested, float(row.limit), 0.0, np.zeros(len(half_width))))
+        parts.append(
+            (fixed + least, added, *normal, demand.is_nested, float(row.limit), 0.0, np.zeros(len(half_width)))
+        )
     stacked: list[Any] = [np.array(each) for each in zip(*parts, strict=True)]
     return ClosedLimits(*stacked)
 

@@ -241,7 +241,7 @@ def _level_of(term: DemandTerms) -> float:
     requirement = term.demand.requirement
     if not (requirement.row.by_quantile or requirement.row.implies):
         return 0.0
-    return requirement.quantile * (term.demand.fraction if term.demand.nested else 1.0)
+    return requirement.quantile * (term.demand.fraction if term.demand.is_nested else 1.0)
 
 
 def _is_bought(problem: PlacementProblem) -> bool:

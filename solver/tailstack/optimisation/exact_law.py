@@ -137,7 +137,7 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint, *, fine: bool 
     """
     requirement = demand.requirement
     worst = worst_case(model, requirement.error, requirement.quantile, value=value_of(requirement))
-    if not demand.nested:
+    if not demand.is_nested:
         law = declared_law(model, requirement.error, worst.mean_mm)
         of_law = LawReading(law, requirement.quantile, requirement.limit, fine=fine)
         quantile, found = of_law.quantile, read_value(requirement, of_law)
@@ -234,7 +234,7 @@ def law_slopes(
     """At a mean (3,) mm, where the value was read; fine: as exact as that is, otherwise to 1e-4 and several times
     faster.  Nested, columns of what is drawn again are taken as normal."""
     requirement, columns = demand.requirement, columns_of(model, demand.requirement.error)
-    held = columns.constant_in(demand.level) if demand.nested else np.full(len(columns.kinds), True)
+    held = columns.constant_in(demand.level) if demand.is_nested else np.full(len(columns.kinds), True)
     keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
     where = {keys[k]: column for column, k in enumerate(np.flatnonzero(held & columns.wide).tolist())}
     if not isinstance(read, LawQuantile):
@@ -428,7 +428,7 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
     the required fraction of them.
     """
     p = demand.requirement.quantile
-    if demand.nested:
+    if demand.is_nested:
         once = (tuple(law.columns[True, each]) for each in SUMS)
         return unit_quantile_squared(p, demand.fraction, law.mean, law.unit, law.shot, *once)
     every = ((*law.columns[True, each], *law.columns[False, each]) for each in SUMS)

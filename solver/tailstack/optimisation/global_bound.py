@@ -163,7 +163,7 @@ def bound_quantile(
     """
     requirement, bias, moved = term.demand.requirement, term.bias_mm, is_bias_moved(problem)
     images = fit_images(bound.net, term, half_width)
-    if term.demand.nested:
+    if term.demand.is_nested:
         return _bound_units(term, half_width, images, moved)
     law = law_with(term, half_width, images)
     if (value := value_of(requirement)) is None:
@@ -360,7 +360,7 @@ def left_out(problem: PlacementProblem, term: DemandTerms, counts_made: bool = F
 
 def counts_manufacturing(problem: PlacementProblem, term: DemandTerms) -> bool:
     """Whether manufacturing errors are part of the normal covariance that is bounded; a unit holds them."""
-    return problem.system.manufacturing_law is Law.NORMAL and not term.demand.nested
+    return problem.system.manufacturing_law is Law.NORMAL and not term.demand.is_nested
 
 
 def is_bias_moved(problem: PlacementProblem) -> bool:
@@ -556,8 +556,8 @@ class Cells(NamedTuple):
         return told_by_rows(self.slopes, np.ascontiguousarray(z.T))
 
     def fullest(self, values: Array) -> NDArray[np.int64]:
-        """(kept, K) the cells with the largest of values (n, K), where beads know most."""
-        return np.argpartition(values, -self.kept, axis=0)[-self.kept :]
+        """(fullest_count, K) the cells with the largest of values (n, K), where beads know most."""
+        return np.argpartition(values, -self.fullest_count, axis=0)[-self.fullest_count :]
 
     def most(self, values: Array) -> Array:
         """(K,): the largest sum over the beads of values (n, K) of the cells that they are in."""
@@ -575,7 +575,7 @@ class Cells(NamedTuple):
         return owner, (low + high) / 2, ((high - low).max(axis=0) / 2 + self.half) * (1 + 1e-12)
 
     @property
-    def kept(self) -> int:
+    def fullest_count(self) -> int:
         """In how many cells beads are where they know most."""
         return min(self.beads.number, len(self.centres)) if self.apart else 1
 
@@ -667,7 +667,7 @@ def _enclose_cells(information: Information, cells: Cells, z: Array, together: b
     owner, blocks, wide = cells.blocks
     told = cells.told_along(z)
     told = told.sum(axis=1, keepdims=True) if together else told
-    least = np.partition(told, -cells.kept, axis=0)[-cells.kept][:, None]
+    least = np.partition(told, -cells.fullest_count, axis=0)[-cells.fullest_count][:, None]
 
     def most_in(centres: Array, along: NDArray[np.int64], half: Array) -> Array:
         """(n, 2^P) in parts about centres (n, 3) with half their extents (3,), along z (n,)."""
@@ -730,7 +730,7 @@ def parts_of(information: Information, cells: Sequence[Cells]) -> MixedParts:
     first = np.cumsum([0, *(len(group.centres) for group in cells)])
     for group, begin, end in zip(cells, first, first[1:], strict=False):
         slopes[: group.slopes.shape[1], :, begin:end] = group.slopes.transpose(1, 2, 0)
-    kept, in_each = (np.array([getattr(group, name) for group in cells]) for name in ("kept", "in_each"))
+    kept, in_each = np.array([(group.fullest_count, group.in_each) for group in cells]).T.copy()
     return MixedParts(slopes, first, kept, in_each, base, even_information(information, cells))
 
 

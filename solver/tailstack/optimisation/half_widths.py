@@ -198,7 +198,9 @@ class _Reading:
             else:
                 slopes[k] = found.by_log_width(key, held, block.columns_mm(error)[:, j])
         size = (
-            self.exact.value_mm if demand.nested else sum(weight * each.quantile_mm for each, weight in found.mixture)
+            self.exact.value_mm
+            if demand.is_nested
+            else sum(weight * each.quantile_mm for each, weight in found.mixture)
         )
         return slopes / (size or 1.0)
 

@@ -30,7 +30,7 @@ def aim_of(exact: Evaluation, demand: QuantileConstraint, trials: int) -> float:
     if exact.density <= 0:
         return 1.0
     requirement = demand.requirement
-    p, n = (demand.fraction, UNITS) if demand.nested else (requirement.quantile, trials)
+    p, n = (demand.fraction, UNITS) if demand.is_nested else (requirement.quantile, trials)
     z = NormalDist().inv_cdf((1 + requirement.confidence) / 2)
     if not requirement.row.by_quantile:
         return max(1 - MARGIN * z * error_of_trial(exact, demand) / (sqrt(n) * exact.exact_mm), 0.5)

@@ -71,7 +71,7 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
         if rounds and _has_arrived(program, here.point, evaluations, reached) and _keeps_surfaces(program, here):
             exact = _correct(program, here, evaluations, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
-            sampled = any(term.demand.nested for term in program.terms)
+            sampled = any(term.demand.is_nested for term in program.terms)
             if residual > (SAMPLED_STATIONARY if sampled else STATIONARY) and rounds < FREE_VERTICES:
                 here = Iterate(_solve_again(program, here.point, exact), exact)
                 continue
@@ -141,7 +141,7 @@ def _keeps_surfaces(program: Program, here: Iterate) -> bool:
 
 def _window(program: Program, evaluations: list[Evaluation]) -> float:
     """Relative width of the window below an aim: no narrower than the exact law is known."""
-    if any(term.demand.nested for term in program.terms):
+    if any(term.demand.is_nested for term in program.terms):
         return SAMPLED_AT_AIM
     return max(AT_AIM, KNOWN * max(item.relative_error for item in evaluations))
 

@@ -102,7 +102,7 @@ class QuantileConstraint:
 
     @property
     def text(self) -> str:
-        nested = f" of {100 * self.fraction:g} % of {self.level.plural}" if self.nested else ""
+        nested = f" of {100 * self.fraction:g} % of {self.level.plural}" if self.is_nested else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
         signs = "".join("+" if end > 0 else "-" for end in self.ends)
         at = f", bounded errors of images at {signs}" if signs else ""
@@ -128,10 +128,10 @@ class QuantileConstraint:
     @property
     def is_convex(self) -> bool:
         """Whether what is limited is convex in the half-widths, whatever the laws."""
-        return self.requirement.row.convex and not self.nested
+        return self.requirement.row.convex and not self.is_nested
 
     @property
-    def nested(self) -> bool:
+    def is_nested(self) -> bool:
         """Whether each unit, or each mounting, is read by itself."""
         return self.requirement.level is not None
 

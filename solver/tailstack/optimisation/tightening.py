@@ -240,7 +240,7 @@ def trials_of(request: OptimiseRequest, search: Search, settings: CheckSettings)
     if program.problem.objective == "quantile" or request.graded:
         return trials
     margins = 1 - first_aims(replace(search, terms=program.terms), trials)
-    pooled = [not term.demand.nested for term in program.terms]
+    pooled = [not term.demand.is_nested for term in program.terms]
     cost = float(2 * search.iterates[0].point.row_multipliers[: len(pooled)][pooled] @ margins[pooled])
     return trials * min(1 << ceil(2 * log2(max(cost / DEAR, 1.0))), FINER)
 
