@@ -206,7 +206,7 @@ def test_kernels_that_do_not_fit_are_compiled_and_it_is_said_why(
 
 @pytest.mark.long
 def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Environment) -> None:
-    with open(installed.packages / "tailstack" / "losing.py", "a") as source:
+    with open(installed.packages / "tailstack" / "tail" / "per_unit.py", "a") as source:
         source.write("# altered\n")
     hasty = "from tailstack_service.console import progress\nprogress.QUIET_SECONDS = 0.01\n"
     done = installed.run(hasty + SCORE)
@@ -214,7 +214,7 @@ def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Envir
     assert code in (0, 1), done.stderr
     assert done.stderr.startswith("kernels are compiled: those installed were built from other sources\ncompiling ")
     kept = installed.place / "home" / ".cache" / "tailstack" / "kernels"
-    assert {path.name.rpartition(".")[0].rpartition(".")[0] for path in kept.iterdir()} == {"losing"}
+    assert {path.name.rpartition(".")[0].rpartition(".")[0] for path in kept.iterdir()} == {"tail.per_unit"}
     # by a process of its own, and loaded from the user's cache: the two of that file, which no other imports
     assert (compiled, loaded - from_installation) == (0, 2), sorted(path.name for path in kept.iterdir())
     says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
