@@ -24,7 +24,7 @@ from ..problems import RefusedAt, memory_error, problem_document
 from ..processes.task import ADVANCE, Estimated, Outcome, RawRequest, Task, UnitResult
 from .batch import read_sent
 from .content import canonical
-from .example import EXAMPLE_DESIGN, variants
+from .example import EXAMPLE_DESIGN
 from .operation import Call, JobRequest, Operation, Reception, size_of
 from .registry import OPERATIONS
 from .request import DesignReferenceUnresolved, Request
@@ -173,12 +173,13 @@ def check_once() -> None:
 def warm_up() -> None:
     """Load or compile every kernel that a request can need: no request waits for it."""
     from tailstack.batch import score_batch
+    from tailstack.kernels.calls import calls_for
     from tailstack.scoring import score
 
+    for call in calls_for(("score", "batch")):
+        call.compile()
     design = load_design(EXAMPLE_DESIGN)
     to_json(score(design, second_order=True))
-    for variant in map(load_design, variants()):
-        score(variant)
     score_batch(design, {"/views/0/fiducial_noise_px": [0.5]})
     with suppress(MissingExtraError):
         from tailstack.optimisation import allocate, influence
