@@ -28,7 +28,7 @@ from .propagation.linear import Block, ErrorModel, with_perfect_fiducials
 from .results import Contributor, Lever
 from .results.score import How
 from .system import ROTATIONS, TRANSLATIONS, Requirement
-from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile, law_summary
+from .tail.declared import LawGradient, LawQuantile, LawReading, law_gradient, law_quantile
 
 LIGHT = 1e-2  # share s of variance below which a line is removed to first order: an error of about s^2, 1e-4 at most
 IMAGE_NOISE = ("fiducial_noise", "target_noise")
@@ -204,7 +204,7 @@ def worth_of(requirement: Requirement, model: ErrorModel) -> float:
         return risk_of_units(model, at, p, None, requirement.units_fraction, level).value_mm
     if requirement.row.of_law is None:
         return law_quantile(at.law, p).quantile_mm
-    return requirement.row.of_law(law_summary(at.law, p, requirement.limit)) or 0.0
+    return requirement.row.of_law(LawReading(at.law, p, requirement.limit)) or 0.0
 
 
 def _least_half_widths(document: DesignDocument) -> Least:

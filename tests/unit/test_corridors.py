@@ -21,7 +21,7 @@ from tailstack.optimisation.problem import demands_of
 from tailstack.optimisation.terms import linearise_demand
 from tailstack.propagation.linear import chain_of
 from tailstack.tail.bounded import worst_case
-from tailstack.tail.declared import LinearLaw, PairLaw, column_gradient, law_gradient, law_quantile, law_summary
+from tailstack.tail.declared import LawReading, LinearLaw, PairLaw, column_gradient, law_gradient, law_quantile
 from tailstack.tail.per_unit import unit_risk
 
 SCREW = yaml.safe_load((Path(__file__).parents[2] / "examples/pedicle_screw.yaml").read_text("utf-8"))
@@ -95,7 +95,7 @@ def draw(rng: np.random.Generator, trials: int, shape: Any = SHAPES[0]) -> tuple
 
 def compare(rng: np.random.Generator, trials: int, shape: Any) -> None:
     law, longer = draw(rng, trials, shape)
-    found = law_summary(law, 0.95, None)
+    found = LawReading(law, 0.95, None)
     r = found.quantile.quantile_mm
     pair = PairLaw(law, 0.95, fine=True)
     for radius in (0.5 * r, r, 1.4 * r):

@@ -25,7 +25,7 @@ from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import System
 from tailstack.tail.bounds import bounds
-from tailstack.tail.declared import LinearLaw, column_gradient, law_gradient, law_quantile, law_summary
+from tailstack.tail.declared import LawReading, LinearLaw, column_gradient, law_gradient, law_quantile
 from tailstack.tail.gaussian import norm_quantile
 
 NONE, NO_KINDS = np.zeros((3, 0)), np.zeros(0, dtype=np.int64)
@@ -68,7 +68,7 @@ def test_a_gaussian_law_in_a_plane_or_on_a_line_has_its_closed_form(name: str, t
     for p in (0.5, 0.95, 0.999):
         r = law_quantile(law, p).quantile_mm
         assert r == pytest.approx(brentq(lambda r, p=p: cdf(r) - p, 0, 5, xtol=1e-13), rel=1e-9)
-    found = law_summary(law, 0.95, 0.7)
+    found = LawReading(law, 0.95, 0.7)
     r = found.quantile.quantile_mm
 
     def beyond(start: float) -> float:

@@ -24,12 +24,12 @@ from tailstack.optimisation import optimise
 from tailstack.system import Law
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.declared import (
+    LawReading,
     LinearLaw,
     column_gradient,
     law_exceedance,
     law_gradient,
     law_quantile,
-    law_summary,
 )
 from tailstack.tail.per_unit import unit_risk
 
@@ -46,7 +46,7 @@ def on_a_line(mean: float, std: float, widths: Any = (), kinds: Any = ()) -> Lin
 def test_a_normal_number_has_its_closed_form(mean: float) -> None:
     """closed_form: of max(x, 0), x normal; at -2 nothing up to P95 is above 0."""
     law, z = on_a_line(mean, 0.5), stats.norm.ppf(0.95)
-    found = law_summary(law, 0.95, 0.6)
+    found = LawReading(law, 0.95, 0.6)
     p95, x = max(mean + z * 0.5, 0.0), stats.norm(mean, 0.5)
 
     def excess(r: float) -> float:

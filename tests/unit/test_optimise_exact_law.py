@@ -33,7 +33,7 @@ from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, Reading
-from tailstack.tail.declared import law_quantile, law_summary
+from tailstack.tail.declared import LawReading, law_quantile
 
 
 @pytest.mark.parametrize(("seed", "error"), [(1, "tcp"), (2, "localisation"), (3, "tcp")])
@@ -202,7 +202,7 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
                  for row in signs]  # fmt: skip
         laws = [declared_law(model, error, mean) for mean in means]
         if demand.requirement.statistic == "cvar":
-            worst = max(law_summary(law, 0.95).cvar_mm for law in laws)
+            worst = max(LawReading(law, 0.95).cvar_mm for law in laws)
         else:
             worst = max(law_quantile(law, 0.95).quantile_mm for law in laws)
         found.append(worst / demand.requirement.limit)

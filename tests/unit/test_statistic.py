@@ -31,7 +31,7 @@ from tailstack.montecarlo.simulate import ErrorSample, Samples
 from tailstack.results import Check
 from tailstack.statistic import STATISTIC, STATISTICS, from_quantile
 from tailstack.tail.bounded import worst_case
-from tailstack.tail.declared import LinearLaw, law_quantile, law_summary
+from tailstack.tail.declared import LawReading, LinearLaw, law_quantile
 from tailstack.verdict import decide
 
 DOCUMENT = yaml.safe_load((EXAMPLES / "mean_and_tail.yaml").read_text("utf-8"))
@@ -66,7 +66,7 @@ def test_half_normal_rayleigh_and_maxwell_have_their_closed_forms(dimension: int
         "cvar": SIGMA * beyond(q) / (1 - P),
         "probability": stats.chi.sf(LIMIT / SIGMA, dimension),
     }
-    summary = law_summary(law, P, LIMIT)
+    summary = LawReading(law, P, LIMIT)
     told = {row.name: row.of_law(summary) for row in STATISTICS if row.of_law is not None}
     assert told == pytest.approx(expected, rel=1e-6)
     assert law_quantile(law, P ** (1 / 20)).quantile_mm == pytest.approx(
@@ -235,7 +235,7 @@ def test_the_worst_vertex_of_a_mean_is_the_worst_of_all(name: str) -> None:
         def value(law: LinearLaw) -> float:
             found = STATISTIC[name].of_law
             assert found is not None
-            return found(law_summary(law, P)) or 0.0
+            return found(LawReading(law, P)) or 0.0
 
         each = [value(replace(law, mean=law.mean + bounded @ s)) for s in product((1.0, -1.0), repeat=3)]
         found = worst_case(law, bounded, P, value)

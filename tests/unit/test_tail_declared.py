@@ -27,6 +27,7 @@ from tailstack.tail.declared import (
     LATTICE_METHOD,
     SAMPLED_METHOD,
     LawGradient,
+    LawReading,
     accuracy_for,
     end_of,
     lattice_columns,
@@ -34,7 +35,6 @@ from tailstack.tail.declared import (
     law_exceedance,
     law_gradient,
     law_quantile,
-    law_summary,
     quantiles_at,
     solve_about,
     solve_on_axes,
@@ -168,8 +168,8 @@ def test_one_uniform_source():
     law = linear_law(np.zeros(3), np.zeros((3, 3)), np.array([[0.0], [2.0], [0.0]]))
     result = law_quantile(law, 0.9)
     assert abs(result.quantile_mm - 1.8) <= result.error_mm < 1e-5
-    assert law_summary(law, 0.95).mean_norm_mm == pytest.approx(1.0, abs=1e-6)
-    assert law_summary(law, 0.9).cvar_mm == pytest.approx(1.9, abs=1e-6)
+    assert LawReading(law, 0.95).mean_norm_mm == pytest.approx(1.0, abs=1e-6)
+    assert LawReading(law, 0.9).cvar_mm == pytest.approx(1.9, abs=1e-6)
 
 
 def test_coarse_errors_are_stated_honestly():
@@ -345,7 +345,7 @@ def test_a_law_that_one_source_dominates(name):
     the lengths of the law, so that its derivatives by all of them add up to itself."""
     law, count = DOMINATED[name], 500_000
     total = law_quantile(law, 0.95)
-    summary = law_summary(law, 0.95)
+    summary = LawReading(law, 0.95)
     assert total.density > 0
     norms = np.sort(draw_norms(law, count, 17))
     spread = 4.5 * sqrt(0.95 * 0.05 * count)
@@ -389,14 +389,14 @@ def test_summary_of_two_sources(name):
     law, p = TWO_SOURCES[name], 0.95
     r = law_quantile(law, p).quantile_mm
     for limit in (0.5 * r, 1.03 * r, 40.0):  # inside the lattice, beyond it, beyond the law
-        found = law_summary(law, p, limit)
+        found = LawReading(law, p, limit)
         expected = average(law, lambda m, x=limit: norm_sf(x, m, law.covariance))
         assert found.exceedance == pytest.approx(expected, abs=3e-8)
     assert average(law, lambda m: norm_cdf(found.quantile.quantile_mm, m, law.covariance)) == pytest.approx(p, abs=2e-8)
     assert found.mean_norm_mm == pytest.approx(average(law, lambda m: norm_mean(m, law.covariance)), rel=1e-6)
     area = quad(lambda x: average(law, lambda m: norm_sf(x, m, law.covariance)), r, r + 2.5, epsabs=1e-8, limit=3)[0]
     assert found.cvar_mm == pytest.approx(r + area / 0.05, rel=4e-6)
-    assert law_summary(law, p).exceedance is None
+    assert LawReading(law, p).exceedance is None
 
 
 SQUARE = linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2])
@@ -404,7 +404,7 @@ SQUARE = linear_law(np.zeros(3), np.zeros((3, 3)), np.eye(3)[:, :2])
 
 def test_summary_of_other_laws():
     """closed form: the Gaussian's own functions; a square of half side 1, P(|e| <= r) = pi r^2 / 4 up to r = 1."""
-    found = law_summary(linear_law([0.3, 0, 0.1], SPREAD), 0.95, 1.0)
+    found = LawReading(linear_law([0.3, 0, 0.1], SPREAD), 0.95, 1.0)
     mean = np.array([0.3, 0, 0.1])
     assert found.quantile.method == GAUSSIAN_METHOD
     assert found.quantile.quantile_mm == norm_quantile(0.95, mean, SPREAD)
@@ -416,13 +416,13 @@ def test_summary_of_other_laws():
     assert square.quantile_mm == pytest.approx(sqrt(2 / np.pi), abs=5e-4)
     assert law_exceedance(SQUARE, 0.9) == pytest.approx(1 - np.pi * 0.81 / 4, abs=5e-4)
     with pytest.raises(ValueError, match="limit must be >= 0"):
-        law_summary(TWO_SOURCES["long"], 0.95, -1.0)
+        LawReading(TWO_SOURCES["long"], 0.95, -1.0)
 
 
 @pytest.mark.long
 def test_the_mean_norm_of_a_square():
     """closed form: the mean distance of a square's points from its middle."""
-    assert law_summary(SQUARE, 0.5).mean_norm_mm == pytest.approx((sqrt(2) + np.log(1 + sqrt(2))) / 3, abs=5e-4)
+    assert LawReading(SQUARE, 0.5).mean_norm_mm == pytest.approx((sqrt(2) + np.log(1 + sqrt(2))) / 3, abs=5e-4)
 
 
 def test_the_end_of_a_law_is_beyond_its_quantile():

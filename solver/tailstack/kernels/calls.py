@@ -92,6 +92,7 @@ _TABLE = {
         2.0 optimisation.least_cost.solve_programme  Programme({_WIDTHS} f1 f2) f1
         0.3 optimisation.least_cost.cheapest_widths  {_CURVES} f1 f1 f1
         0.3 optimisation.least_cost.log_costs   {_CURVES} f1
+        0.3 optimisation.least_cost.total_cost  {_CURVES} f1
         1.5 optimisation.mixture.mix            MixedParts(f3 i1 i1 i1 f2 f2) f3 b i i i
         0.4 optimisation.mixture.told_by_rows       f3 f2
         0.4 optimisation.mixture.information_by_rows  f3 f1

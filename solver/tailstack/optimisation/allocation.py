@@ -36,7 +36,16 @@ from scipy.special import gammaincinv
 
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..geometry.arrays import Array
-from .least_cost import PriceCurves, Programme, Widths, cheapest_widths, curves_of, log_costs, solve_programme
+from .least_cost import (
+    PriceCurves,
+    Programme,
+    Widths,
+    cheapest_widths,
+    curves_of,
+    log_costs,
+    solve_programme,
+    total_cost,
+)
 from .prices import Price
 
 # Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
@@ -103,8 +112,8 @@ def allocate(
     def answer(chosen: Array, dual: float | None) -> BoundedAllocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
         half_width[free] = chosen
-        cost = float(np.exp(log_costs(curves, half_width)).sum())
-        fixed = cost - float(np.exp(log_costs(case.curves, chosen)).sum())
+        cost = total_cost(curves, half_width)
+        fixed = cost - total_cost(case.curves, chosen)
         least = cost if dual is None else min(fixed + dual, cost)
         gap = (cost - least) / cost if cost > 0 else 0.0
         return BoundedAllocation(half_width, cost, least, gap)
@@ -244,7 +253,7 @@ def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
     charge = np.einsum("t,tab,tiab->i", multipliers, matrices, case.outer)
     best = cheapest_widths(case.curves, charge, case.lower, case.upper)
     room = 1 - np.einsum("tab,tab->t", matrices, case.noise)
-    return float(np.exp(log_costs(case.curves, best)).sum() + charge @ best**2 - multipliers @ room)
+    return float(total_cost(case.curves, best) + charge @ best**2 - multipliers @ room)
 
 
 _MULTIPLICITY = np.array([1.0, 2.0, 3.0])

@@ -60,6 +60,12 @@ def log_costs(curves: PriceCurves, half_width: Array) -> Array:
 
 
 @kernel()
+def total_cost(curves: PriceCurves, half_width: Array) -> float:
+    """Of all half-widths (k,) > 0."""
+    return float(np.exp(log_costs(curves, half_width)).sum())
+
+
+@kernel()
 def cheapest_widths(curves: PriceCurves, charge: Array, lower: Array, upper: Array) -> Array:
     """(k,) least ``cost(h) + charge h^2`` in [lower, upper], charge (k,) >= 0; both terms are convex in h."""
     out = upper.copy()
@@ -161,8 +167,7 @@ def _meet(programme: Programme, t: int, multipliers: Array, near: float) -> None
 @kernel()
 def _dual(programme: Programme, multipliers: Array) -> float:
     half_width = _choose(programme, multipliers)
-    cost = np.exp(log_costs(programme.widths.curves, half_width)).sum()
-    return float(cost + multipliers @ _excess(programme, half_width))
+    return float(total_cost(programme.widths.curves, half_width) + multipliers @ _excess(programme, half_width))
 
 
 @kernel()

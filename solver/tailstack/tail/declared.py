@@ -245,10 +245,15 @@ class DeclaredLaw:
         density = float(solution.density * r / solution.radius)
         return LawQuantile(p, float(r), density, LATTICE_METHOD, float(solution.error / density))
 
+    @cached_property
+    def _farthest_square(self) -> float:
+        """In the frame, mm^2: nothing that counts is beyond its root."""
+        farthest = np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)
+        return float((farthest**2).sum())
+
     def _is_certain(self, r: float) -> bool:
         """Whether nothing that counts is beyond r."""
-        farthest = np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)
-        return r * r >= self.frame.offset + float((farthest**2).sum())
+        return r * r >= self.frame.offset + self._farthest_square
 
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
@@ -267,8 +272,7 @@ class DeclaredLaw:
     def probabilities(self, radii: Array) -> Array:
         """P(|e| <= r) at each radius, (n,) mm, all from one lattice."""
         square = radii**2 - self.frame.offset
-        farthest = np.abs(self.frame.mean) + reach_of(self.frame, self.accuracy.aliasing)
-        chances = np.where(square >= float((farthest**2).sum()), 1.0, 0.0)
+        chances = np.where(square >= self._farthest_square, 1.0, 0.0)
         between = (square > 0.0) & (chances == 0.0)
         if between.any():
             self.probability(float(radii[between].max()))  # which has a lattice that serves them all
@@ -723,7 +727,7 @@ class MixedLaw:
         return np.asarray(np.tensordot(self.weights, each, 1) / self.weights.sum())
 
     def summary(self, p: float, limit: float | None) -> LawSummary:
-        """As :func:`law_summary`; mean and mean of the worst 1 - p are of what is not beyond every radius.
+        """As of :class:`LawReading`; mean and mean of the worst 1 - p are of what is not beyond every radius.
 
         Where more than 1 - p is, the quantile is of the rest as well.
         """
@@ -784,9 +788,14 @@ def law_exceedance(law: LinearLaw, limit: float) -> float:
 
 
 class LawReading:
-    """What a score says about a law, each number read when it is asked for; fine: as of :func:`law_quantile`."""
+    """What a score says about a law, each number read when it is asked for; fine: as of :func:`law_quantile`.
+
+    Raises ValueError for p outside (0, 1) or a limit below 0 mm.
+    """
 
     def __init__(self, law: LinearLaw, p: float, limit: float | None = None, *, fine: bool = True) -> None:
+        if limit is not None and not limit >= 0:
+            raise ValueError(f"a limit must be >= 0 mm, got {limit}")
         self._evaluation, self._p, self.limit = evaluation_of(law, p, fine), float(p), limit
 
     @cached_property
@@ -819,17 +828,6 @@ class LawReading:
         other = copy(self)
         other.limit = limit
         return other
-
-
-def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
-    """Quantile, E|e|, the mean of the worst 1 - p (E[|e| given |e| >= quantile]), and P(|e| > limit), in mm.
-
-    Raises ValueError for p outside (0, 1) or a limit below 0 mm.
-    """
-    if limit is not None and not limit >= 0:
-        raise ValueError(f"a limit must be >= 0 mm, got {limit}")
-    read = LawReading(law, p, limit)
-    return LawSummary(read.quantile, read.mean_norm_mm, read.cvar_mm, read.exceedance)
 
 
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
