@@ -17,6 +17,7 @@ from tailstack.errors import Problem, TailstackError
 PREFIX = "TAILSTACK_"
 COMMAND = "TAILSTACK_COMMAND"  # what the command is called where it was started; ./run says it
 KEY = "TAILSTACK_KEY"  # the credential that commands send
+COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it: where API processes count together
 PLAIN_PROCESSES = "TAILSTACK_PLAIN_PROCESSES"  # 1: computing processes as on a system that is not Linux
 TRACEBACK = "TAILSTACK_TRACEBACK"  # anything: a defect shows where it happened
 URL = "TAILSTACK_URL"  # the service that commands ask

@@ -9,6 +9,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from ..environment import COUNTERS
 from ..jobs.store.database import Database
 from ..jobs.store.usage import Figures, read_figures
 
@@ -17,7 +18,6 @@ STORE_SECONDS = 5.0  # for the database to answer: Prometheus gives a page up af
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 NO_ROUTE = "(none)"
-SHARED_FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # set by the supervisor when several API processes count together
 
 
 class Metrics:
@@ -25,7 +25,7 @@ class Metrics:
 
     def __init__(self) -> None:
         # with several processes the values live in files, and a registry of one process would count them twice
-        shared = bool(os.environ.get(SHARED_FOLDER))
+        shared = bool(os.environ.get(COUNTERS))
         self._registry = CollectorRegistry()
         own = CollectorRegistry() if shared else self._registry
         self._requests = Counter(

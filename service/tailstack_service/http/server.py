@@ -22,7 +22,7 @@ from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 from tailstack.errors import Problem
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..environment import temporary_directory, variable
+from ..environment import COUNTERS, temporary_directory, variable
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..problems import RequestError
@@ -43,7 +43,6 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is
 GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
 START_LOOK_SECONDS = 0.02  # between looks whether an embedded service has started
 STOP_SECONDS = 9.0  # for a process to end by itself when told to
-SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
 
 def bind(host: str, port: int, settings: Settings) -> socket.socket:
@@ -173,13 +172,13 @@ def _serve_with_several(
     try:
         announce()
         with tempfile.TemporaryDirectory(prefix="tailstack-counters-", dir=temporary_directory()) as counters:
-            os.environ[SHARED_COUNTERS] = counters
+            os.environ[COUNTERS] = counters
             supervisor = _Supervisor(_config(partial(_app_of_child, settings, share_nursery()), settings), [bound])
             supervisor.signal_queue += stopped
             family.stop_with(supervisor.should_exit)
             supervisor.run()
     finally:
-        os.environ.pop(SHARED_COUNTERS, None)
+        os.environ.pop(COUNTERS, None)
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if supervisor.end_signal == signal.SIGINT:
