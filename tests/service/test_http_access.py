@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import hmac
 import json
+import logging
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -15,12 +18,13 @@ import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 from service_scenes import check_problem, client_with, small_design
+from starlette.requests import Request
 
 from plain_data import read_cases
 from tailstack_service.http import access
 from tailstack_service.http.access import Access, Tokens
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.keys import create_key, revoke_key
+from tailstack_service.jobs.store.keys import Key, create_key, revoke_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import RequestError, TransportError
 from tailstack_service.settings import Settings
@@ -97,6 +101,9 @@ def test_without_a_credential_of_ours_nothing_is_answered(guarded: Guarded, head
 def test_two_credentials_are_none(guarded: Guarded) -> None:
     good, bad = f"Bearer {guarded.key('read')}", "Bearer tsk_000000000000_" + "a" * 43
     assert guarded.client.get("/v1/jobs", headers=[("Authorization", good)]).status_code == 200
+    for value in (good.removeprefix("Bearer "), f"{good}, {good}", f"{good}, {bad}"):
+        response = guarded.client.get("/v1/jobs", headers={"Authorization": value})
+        check_problem(response, 401, "unauthenticated")
     for pair in ((good, bad), (bad, good), (good, good), (good, "")):
         response = guarded.client.get("/v1/jobs", headers=[("Authorization", value) for value in pair])
         assert "2 Authorization headers" in check_problem(response, 401, "unauthenticated")["errors"][0]["detail"]
@@ -122,8 +129,6 @@ def test_a_revoked_key_is_refused_once_its_time_is_over(guarded: Guarded, monkey
 def test_no_credential_is_ever_told_again(
     guarded: Guarded, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import logging
-
     monkeypatch.setattr(logging.getLogger("tailstack"), "propagate", True)
     caplog.set_level(logging.DEBUG, "tailstack")  # the commands, run by other tests of this process, set a level there
     caplog.set_level(logging.DEBUG)
@@ -181,14 +186,14 @@ def test_tokens_that_are_not_accepted(guarded: Guarded, changes: dict[str, Any])
     check_problem(response, 401, "unauthenticated")
 
 
+def part(data: str | bytes) -> str:
+    """A part of a token."""
+    return base64.urlsafe_b64encode(data if isinstance(data, bytes) else data.encode()).decode().rstrip("=")
+
+
 def test_what_a_stranger_wrote_into_a_token_is_not_said_again(guarded: Guarded) -> None:
     """The parser's own words may hold it: claims, header, where it stopped."""
-    import base64
-
     mark = "zzz-a-strangers-words-zzz"
-
-    def part(data: str) -> str:
-        return base64.urlsafe_b64encode(data.encode()).decode().rstrip("=")
 
     strange = json.dumps({"alg": mark, "typ": mark, "kid": mark, "crit": [mark]})
     tokens = [
@@ -204,23 +209,22 @@ def test_what_a_stranger_wrote_into_a_token_is_not_said_again(guarded: Guarded) 
         assert mark not in response.text + str(response.headers)
 
 
-def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded, tmp_path: Path) -> None:
-    other, _ = pem_of(rsa.generate_private_key(65537, 2048))
+def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded) -> None:
+    stranger = rsa.generate_private_key(65537, 2048)
+    other, _ = pem_of(stranger)
+    brought = {"jwk": json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(stranger.public_key())), "kid": "../../dev/null"}
     _, public = pem_of(serialization.load_pem_private_key(guarded.private_key.encode(), None))
-    head = {"alg": "HS256", "typ": "JWT"}
-    # the classic confusion: the public key, which everybody knows, used as a shared secret; and no signature at all
-    import base64
-    import hashlib
-    import hmac
-
-    def part(data: Any) -> bytes:
-        return base64.urlsafe_b64encode(json.dumps(data).encode()).rstrip(b"=")
-
     claims = {"iss": ISSUER, "aud": "tailstack", "exp": IN_2100, "sub": "x", "scope": "read"}
-    signed = part(head) + b"." + part(claims)
-    forged = signed + b"." + base64.urlsafe_b64encode(hmac.digest(public, signed, hashlib.sha256)).rstrip(b"=")
-    unsigned = part({"alg": "none"}) + b"." + part(claims) + b"."
-    for token in (guarded.token(key=other), guarded.token("RS512"), forged.decode(), unsigned.decode(), "a.b.c"):
+    # the classic confusion: the public key, which everybody knows, used as a shared secret; and no signature at all
+    signed = f"{part(json.dumps({'alg': 'HS256', 'typ': 'JWT'}))}.{part(json.dumps(claims))}"
+    forged = f"{signed}.{part(hmac.digest(public, signed.encode(), 'sha256'))}"
+    head, _, signature = guarded.token().split(".")
+    for token in (
+        guarded.token(key=other), guarded.token("RS512"), guarded.token("PS256"), forged, "a.b.c",
+        *(jwt.encode(claims, other, "RS256", headers={name: value}) for name, value in brought.items()),
+        *(f"{head}.{part(json.dumps(claims))}.{each}" for each in (signature, "")),
+        f"{part(json.dumps({'alg': 'none'}))}.{part(json.dumps(claims))}.",
+    ):  # fmt: skip
         check_problem(guarded.client.get("/v1/jobs", headers=bearer(token)), 401, "unauthenticated")
 
 
@@ -325,12 +329,7 @@ def test_a_credential_that_is_not_needed_is_not_looked_at(client: httpx.Client) 
     assert client.get("/v1/jobs", headers=bearer("whatever")).status_code == 200
 
 
-async def test_a_key_is_looked_up_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-
-    from starlette.requests import Request
-
-    from tailstack_service.jobs.store.keys import Key
-
+async def test_a_key_is_looked_up_once_in_a_while() -> None:
     asked: list[str] = []
 
     async def find(presented: str) -> Key:

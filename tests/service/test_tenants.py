@@ -5,8 +5,6 @@ What is tried is generated from the OpenAPI document: an operation that this fil
 
 from __future__ import annotations
 
-import base64
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -22,18 +20,14 @@ from service_scenes import check_problem, client_of
 
 from waiting import until
 
-PAST, NEVER = 1_577_836_800, 4_102_444_800  # the years 2020 and 2100
+NEVER = 4_102_444_800  # s since 1970: the year 2100
 ISSUER, AUDIENCE = "https://identity.example", "tailstack"
 SECURED = {o["operationId"]: (path, method, o) for path, method, o in operations() if is_secured(o)}
 OPEN = {o["operationId"]: path for path, _, o in operations() if not is_secured(o)}
 ADDRESSED = {name: entry for name, entry in SECURED.items() if "{" in entry[0]}
 CREATING = {name: entry for name, entry in SECURED.items() if entry[1] == "post" and name not in ADDRESSED}
 LISTING = {name: entry for name, entry in SECURED.items() if entry[1] == "get" and name not in ADDRESSED}
-JOBS = {name for name, (_, _, operation) in CREATING.items() if "202" in operation["responses"]}
 CHEAP = {"create_verification", "create_sweep", "create_gate"}  # who owns a job is asked whatever its kind
-KINDS = {"verification", "optimisation", "sweep", "gate", "report", "comparison"}
-KINDS |= {"study-linearity", "study-coupling", "study-estimators", "study-views", "study-placement"}
-KINDS |= {"study-workspace", "study-comparison"}
 OWNED = {"id": "job", "sha256": "result"}  # path parameters that name what belongs to somebody
 WORDS = {"name", "slug"}  # path parameters that name what belongs to everybody
 VARYING = {"date", "x-request-id"}
@@ -58,7 +52,6 @@ class Place:
     service: Served
     client: httpx.Client
     private_key: rsa.RSAPrivateKey
-    public_pem: bytes
     keys: dict[str, str]
 
     def ask(self, name: str, values: dict[str, str], credential: str | None, **headers: str) -> httpx.Response:
@@ -68,11 +61,10 @@ class Place:
         body = next((light(value) for value in json_examples(operation).values()), None)
         return self.client.request(method, path.format(**values), json=body, headers=sent)
 
-    def token(self, key: Any = None, algorithm: str = "RS256", header: Any = None, **changes: Any) -> str:
-        """A JSON Web Token of tenant A, with claims changed; None removes one."""
-        claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": NEVER}
-        claims = {name: value for name, value in {**claims, **changes}.items() if value is not None}
-        return jwt.encode(claims, key or self.private_key, algorithm=algorithm, headers=header)
+    def token(self, tenant: str = "a", key: Any = None) -> str:
+        """A JSON Web Token of a tenant."""
+        claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": tenant, "scope": "read compute metrics", "exp": NEVER}
+        return jwt.encode(claims, key or self.private_key, algorithm="RS256")
 
 
 def bearer(credential: str) -> str:
@@ -96,14 +88,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     }
     with served(directory, **settings) as service, client_of(service.url) as c:
         every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
-        keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}
+        keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b")}
         keys["revoked"] = _key(service, "a", *every)
         service.run("keys", "revoke", keys["revoked"].split("_")[1])
         keys["expired"] = _key(service, "a", *every, "--days", "1e-6")
         keys |= {scope: _key(service, "a", "--scope", scope) for scope in ("read", "compute", "metrics")}
         expired = {"Authorization": bearer(keys["expired"])}  # after a millionth of a day
         until(lambda: c.get("/v1/jobs", headers=expired).status_code == 401)
-        yield Place(service, c, private, public, keys)
+        yield Place(service, c, private, keys)
 
 
 def _key(service: Served, tenant: str, *arguments: str) -> str:
@@ -112,22 +104,11 @@ def _key(service: Served, tenant: str, *arguments: str) -> str:
 
 @pytest.fixture(scope="module")
 def owned(place: Place) -> Property:
-    """A job of some kinds, computed, and the result of each."""
-    return compute(place, CHEAP)
-
-
-@pytest.fixture(scope="module")
-def of_every_kind(place: Place) -> Property:
-    """A job of each kind, computed, and the result of each."""
-    return compute(place, JOBS)
-
-
-def compute(place: Place, names: set[str]) -> Property:
-    """What tenant A owns once the first example of each of these operations is computed that is a job."""
+    """A job of some kinds, computed, and the result of each: the first example of an operation that is a job."""
     jobs: dict[str, str] = {}
     results: dict[str, str] = {}
     pending = []
-    for name in sorted(names):
+    for name in sorted(CHEAP):
         path, _, operation = CREATING[name]
         for example in json_examples(operation).values():
             response = place.client.post(path, json=light(example), headers={"Authorization": bearer(place.keys["a"])})
@@ -156,8 +137,7 @@ def unknown(identity: str) -> str:
     return identity[:-1] + ("0" if identity[-1] != "0" else "1")
 
 
-@pytest.mark.long
-def test_every_operation_can_be_addressed(of_every_kind: Property) -> None:
+def test_every_operation_can_be_addressed() -> None:
     """A new operation needs a decision: to whom does what it names belong?"""
     for name, (path, _, operation) in ADDRESSED.items():
         for parameter in parameters(path, operation, "path"):
@@ -167,24 +147,11 @@ def test_every_operation_can_be_addressed(of_every_kind: Property) -> None:
     for name, path in OPEN.items():
         named = {part[1:-1] for part in path.split("/") if part.startswith("{")}
         assert named <= WORDS, f"{name} asks nobody who they are, and names {named}"
-    assert set(of_every_kind.job) == KINDS
 
 
 @pytest.mark.long("get_report")
 @pytest.mark.parametrize("name", ADDRESSED)
 def test_what_belongs_to_another_is_what_never_was(place: Place, owned: Property, name: str) -> None:
-    assert_hidden(place, owned, name)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ADDRESSED)
-def test_what_belongs_to_another_is_what_never_was_whatever_its_kind(
-    place: Place, of_every_kind: Property, name: str
-) -> None:
-    assert_hidden(place, of_every_kind, name)
-
-
-def assert_hidden(place: Place, owned: Property, name: str) -> None:
     """An operation answers another tenant what it answers about something that nobody has."""
     path, _, operation = ADDRESSED[name]
     (parameter,) = parameters(path, operation, "path")
@@ -231,40 +198,22 @@ def test_a_tenant_of_a_similar_name_is_another(place: Place, owned: Property, te
 
 
 def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
-    """Headers that must not let anybody in, by what is wrong with them; test_http_access.py has more on one route."""
-    good = place.keys["a"]
-    other = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    other_jwk = json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(other.public_key()))
-    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "b", "scope": "read compute metrics", "exp": NEVER}
-    changed = place.token().split(".")
-    claims_b64 = base64.urlsafe_b64encode(json.dumps(claims).encode()).rstrip(b"=").decode()
-    mixed = "_".join([*place.keys["b"].split("_")[:2], good.split("_", 2)[2]])
-    values = {
-        "garbage": bearer("garbage"),
-        "revoked key": bearer(place.keys["revoked"]),
-        "expired key": bearer(place.keys["expired"]),
-        "another secret of the key": bearer(good[:-2] + ("AA" if good[-2:] != "AA" else "BB")),
-        "secret of one key with the id of another": bearer(mixed),
-        "key without Bearer": good,
-        "two keys": f"Bearer {good}, Bearer {place.keys['b']}",
-        "token that has expired": bearer(place.token(exp=PAST)),
-        "token of nobody": bearer(place.token(tenant=None)),
-        "token of an odd tenant": bearer(place.token(tenant=["a"])),
-        "token that brings its own key": bearer(place.token(key=other, header={"jwk": other_jwk})),
-        "token that names its own key": bearer(place.token(key=other, header={"kid": "../../dev/null"})),
-        "token of another algorithm": bearer(place.token(algorithm="PS256")),
-        "token with other claims": bearer(".".join([changed[0], claims_b64, changed[2]])),
-        "token without its signature": bearer(".".join(changed[:2]) + "."),
-    }  # fmt: skip
+    """Headers that must not let anybody in, by what is wrong with them: of each way in one, and what is no way in.
+
+    test_http_access.py has more of each on one route.
+    """
+    good, other = place.keys["a"], rsa.generate_private_key(public_exponent=65537, key_size=2048)
     return {
         "no credential": {},
         "key in a header of another name": {"X-API-Key": good},
         "key as a cookie": {"Cookie": f"Authorization={good}"},
-        **{name: {"Authorization": value} for name, value in values.items()},
+        "key without Bearer": {"Authorization": good},
+        "revoked key": {"Authorization": bearer(place.keys["revoked"])},
+        "expired key": {"Authorization": bearer(place.keys["expired"])},
+        "token of another": {"Authorization": bearer(place.token(key=other))},
     }
 
 
-@pytest.mark.long
 def test_nobody_gets_in_with_a_bad_credential_on_any_route(place: Place, owned: Property) -> None:
     for what, headers in bad_credentials(place).items():
         for name, (path, _, operation) in SECURED.items():
