@@ -23,10 +23,6 @@ FCSV = (
     "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n"
     "1,-10,-20,-30,A\n2,-5,0,0,B\n"
 )
-MARKUPS = json.dumps(
-    {"markups": [{"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": [
-        {"label": "A", "position": [10, 20, -30]}, {"label": "B", "position": [5, 0, 0]}]}]}
-)  # fmt: skip
 POINTS = [{"label": "A", "position_mm": [10.0, 20.0, -30.0]}, {"label": "B", "position_mm": [5.0, 0.0, 0.0]}]
 
 
@@ -40,28 +36,16 @@ def converted(response: httpx.Response) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.parametrize(
-    ("form", "text", "noted"), [("csv", CSV, "factor 10"), ("fcsv", FCSV, "RAS"), ("mrk.json", MARKUPS, "")]
-)
-def test_the_same_beads_from_every_format(client: httpx.Client, form: str, text: str, noted: str) -> None:
-    document = converted(client.post("/v1/conversions", json={"format": form, "content": text, "to": "yaml"}))
-    assert document["fiducials"] == POINTS
+def test_beads_of_a_file_as_json_or_as_they_are(client: httpx.Client) -> None:
+    document = converted(client.post("/v1/conversions", json={"format": "csv", "content": CSV, "to": "yaml"}))
+    assert (document["format"], document["fiducials"]) == ("yaml", POINTS)
     section = yaml.safe_load(document["content"])["fiducials"]
     assert section["points"] == POINTS
-    assert section["origin"]["file"] == f"content.{form}"
-    assert section["origin"]["sha256"] == hashlib.sha256(text.encode()).hexdigest()
-    assert noted in " ".join(document["notes"])
-    plain = client.post(f"/v1/conversions?from={form}&to=yaml", content=text, headers={"Content-Type": "text/plain"})
+    assert section["origin"]["file"] == "content.csv"
+    assert section["origin"]["sha256"] == hashlib.sha256(CSV.encode()).hexdigest()
+    assert "factor 10" in " ".join(document["notes"])
+    plain = client.post("/v1/conversions?from=csv&to=yaml", content=CSV, headers={"Content-Type": "text/plain"})
     assert converted(plain) == document
-
-
-@pytest.mark.parametrize("to", ["csv", "fcsv", "mrk.json", "yaml", "json"])
-def test_there_and_back(client: httpx.Client, to: str) -> None:
-    document = converted(client.post("/v1/conversions", json={"format": "csv", "content": CSV, "to": to}))
-    assert document["format"] == to
-    if to in ("csv", "fcsv", "mrk.json"):
-        back = converted(client.post("/v1/conversions", json={"format": to, "content": document["content"]}))
-        assert (back["fiducials"], back["notes"]) == (POINTS, [])
 
 
 def test_a_design_to_another_form_and_to_its_beads(client: httpx.Client) -> None:
@@ -78,9 +62,7 @@ def test_a_design_to_another_form_and_to_its_beads(client: httpx.Client) -> None
     ("body", "status", "slug", "pointer"),
     [
         ({"format": "csv", "content": "x,y,z\n1,2,3\n"}, 422, "invalid-design", "/content"),
-        ({"format": "csv", "content": "x_mm,y_mm,z_mm\n1,2\n"}, 422, "invalid-design", "/content"),
         ({"format": "csv", "content": "x_mm,y_mm,z_mm\n" + "1,2,3\n" * 11}, 422, "limit-exceeded", "/content"),
-        ({"format": "mrk.json", "content": "{}"}, 422, "invalid-design", "/content"),
         ({"format": "mrk.json", "content": "nonsense"}, 422, "invalid-design", "/content"),
         ({"format": "json", "content": json.dumps(small_design(fiducials={"file": "/etc/passwd.csv"}))}, 422,
          "invalid-design", "/content/fiducials/file"),
@@ -110,28 +92,18 @@ STEP, YAML = {"Content-Type": "model/step"}, {"Content-Type": "application/yaml"
 CARRIER = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")  # eight balls of 3 mm
 
 
-@pytest.mark.long
-def test_a_step_file_becomes_a_design_that_scores(client: httpx.Client) -> None:
+def test_balls_of_a_step_file_alone_and_in_the_place_of_the_fiducials_of_a_design(client: httpx.Client) -> None:
     query = "?sphere_diameter_mm=3&sphere_tolerance_mm=0.1&name=BEAD[!8]"
     document = converted(client.post(f"/v1/conversions{query}", content=CARRIER, headers=STEP))
     assert [point["label"] for point in document["fiducials"]] == [f"BEAD{k}" for k in range(1, 8)]
     assert [body["reason"] for body in document["bodies"]] == [""] * 7 + ["no name of it matches BEAD[!8]"]
-    assert any("correct them" in note for note in document["notes"])
-    assert not any("does not score" in note for note in document["notes"])
-    scored = client.post("/v1/scores", content=document["content"], headers={"Content-Type": "application/yaml"})
-    assert scored.status_code == 200, scored.text
     again = client.post(f"/v1/conversions{query}&from=step", content=CARRIER, headers={"Content-Type": "text/plain"})
     assert converted(again) == document
-
-
-def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: httpx.Client) -> None:
     body = {"format": "step", "content": CARRIER, "name": "BEAD?", "sphere_diameter_mm": 3, "base": small_design()}
-    document = converted(client.post("/v1/conversions", json=body))
-    made = load_design(document["content"])
+    replaced = converted(client.post("/v1/conversions", json=body))
+    made = load_design(replaced["content"])
     assert made.document.targets == load_design(small_design()).document.targets
-    assert list(made.fiducials.positions_mm) == [tuple(point["position_mm"]) for point in document["fiducials"]]
-    beads = converted(client.post("/v1/conversions", json={**body, "to": "csv"}))
-    assert len(beads["content"].splitlines()) == 9
+    assert list(made.fiducials.positions_mm) == [tuple(point["position_mm"]) for point in replaced["fiducials"]]
 
 
 @pytest.mark.parametrize(("name", "place", "cure"), read_cases("http", "named_files"))
@@ -171,13 +143,10 @@ PLAIN = {"Content-Type": "text/plain"}
     ("kind", "query", "content", "slug", "words"),
     [
         (STEP, "sphere_diameter_mm=5", CARRIER, "invalid-design", "8 of 3 mm"),
-        (STEP, "sphere_diameter_mm=3", CARRIER.replace("'',(#107),", "'',(#99999),"), "invalid-design",
-         "#106 names #99999, which"),
         (STEP, "sphere_diameter_mm=3&frame=CON", CARRIER, "invalid-design", "no coordinate system"),
         (STEP, "sphere_diameter_mm=none", CARRIER, "invalid-request", "expected a number"),
         (STEP, "sphere_diameter_mm=-1", CARRIER, "invalid-request", "above 0"),
         (STEP, "spheres=3", CARRIER, "invalid-request", "spheres"),
-        (STEP, "", "ISO-10303-21;", "invalid-design", "expected an instance"),
         (PLAIN, "from=csv&xmalab=in", CSV, "invalid-request", "'mm' or 'cm'"),
         (PLAIN, "from=fcsv", FCSV.replace("\n", ""), "invalid-design", "--data-binary @FILE"),
         (PLAIN, "from=csv", "x_mm,y_mm,z_mm\n1,2,3\n1,wide,3\n", "invalid-design", '"line": 3'),

@@ -407,14 +407,7 @@ CHECKED = {"design": small_design(), "precision": 0.05}
         ("/v1/verifications", CHECKED),
         ("/v1/reports", CHECKED),
         ("/v1/comparisons", {"first": small_design(), "second": small_design(), "precision": 0.05}),
-        (
-            "/v1/sweeps",
-            {
-                "design": small_design(),
-                "check": "verification",
-                "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.2]}],
-            },
-        ),
+        ("/v1/sweeps", {"design": small_design(), "check": "verification", "axes": AXES}),
     ],
 )
 def test_a_check_that_may_draw_more_than_the_operator_allows_is_refused(
