@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
+import random
 import re
 import shutil
 import socket
@@ -79,6 +80,16 @@ def coplanar_design() -> dict[str, Any]:
     design = small_design()
     for point in design["fiducials"]["points"]:
         point["position_mm"][2] = -40.0
+    return design
+
+
+def large_design(targets: list[dict[str, Any]]) -> dict[str, Any]:
+    """As many fiducials as are admitted, 200, with these targets and one limit."""
+    design, draw = small_design(optimise=None, requirements=[{"name": "all", "limit_mm": 1.5}]), random.Random(1)
+    design["fiducials"]["points"] = [
+        {"position_mm": [draw.uniform(-40, 40), draw.uniform(-40, 40), draw.uniform(-80, 5)]} for _ in range(200)
+    ]
+    design["targets"] = targets
     return design
 
 

@@ -185,16 +185,6 @@ def test_every_operation_on_one_design_takes_a_patch(client: httpx.Client, path:
         assert second.content == first.content
 
 
-@pytest.mark.long
-def test_without_its_database_a_service_scores_what_is_sent_whole(tmp_path: Path) -> None:
-    with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as client:
-        for path in tmp_path.iterdir():
-            path.unlink()
-        assert sha256_of(score(client, design=small_design(), patch={"name": "x"}))
-        assert sha256_of(score(client, design=small_design()))
-        assert score(client, design_sha256=NOWHERE).status_code == 503
-
-
 # --- designs that are kept ------------------------------------------------------------------------
 
 
