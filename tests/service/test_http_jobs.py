@@ -6,15 +6,18 @@ import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import httpx
 import pytest
 from jsonschema import Draft202012Validator
+from openapi_scenes import ended_job
 from service_scenes import check_problem, client_with, limited, small_design
 from starlette.requests import Request
 
 import tailstack
+import tailstack_service
 from plain_data import read_cases
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
@@ -58,8 +61,7 @@ def done(client: httpx.Client, path: str, body: dict[str, Any], **headers: str) 
 
 
 def ended(client: httpx.Client, job_id: str) -> dict[str, Any]:
-    until(lambda: client.get(f"/v1/jobs/{job_id}").json()["finished_at"], lambda: client.get(f"/v1/jobs/{job_id}").text)
-    return dict(client.get(f"/v1/jobs/{job_id}").json())
+    return ended_job(client, f"/v1/jobs/{job_id}")
 
 
 def check_job(job: dict[str, Any]) -> dict[str, Any]:
@@ -89,15 +91,21 @@ def test_a_job_from_acceptance_to_its_result(client: httpx.Client) -> None:
     assert (finished["solver_version"], finished["recomputed"]) == (running_code(), None)
 
 
-def test_a_record_names_the_sources_that_computed_it(client: httpx.Client) -> None:
-    """independent: names and contents of the files, hashed here."""
-    total = hashlib.sha256()
-    root = Path(tailstack.__file__).parent
+def digest_of(package: ModuleType) -> str:
+    """independent: names and contents of its files, hashed here."""
+    total, root = hashlib.sha256(), Path(str(package.__file__)).parent
     for path in sorted(root.rglob("*.py"), key=lambda path: str(path)):
         content = path.read_bytes()
         total.update(f"{path.relative_to(root).as_posix()}\0{len(content)}\0".encode() + content)
+    return total.hexdigest()
+
+
+def test_a_record_names_the_sources_that_computed_it_and_a_worker_all_of_them(client: httpx.Client) -> None:
     record = done(client, "/v1/verifications", QUICK).json()
-    assert record["provenance"]["sources_sha256"] == total.hexdigest()
+    solver, service = digest_of(tailstack), digest_of(tailstack_service)
+    assert record["provenance"]["sources_sha256"] == solver
+    every = hashlib.sha256(f"{solver} {service}".encode()).hexdigest()
+    assert running_code() == f"{tailstack.__version__}+{every[:12]}"
 
 
 def test_a_check_to_a_precision_is_that_of_the_command_line_whatever_the_operator_allows(client: httpx.Client) -> None:

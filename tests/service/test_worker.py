@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import shutil
 import signal
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,7 +20,6 @@ import sqlalchemy as sa
 from strange_units import begun, expected_answer, request, units_begun
 from worker_scenes import TENANT, Stops, finished, job, prepared_database, submit, working
 
-from family import run_python
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
 from tailstack_service.jobs import worker
@@ -221,26 +219,6 @@ def test_a_code_of_the_same_version_computes_anew_and_says_so(db: Database) -> N
     assert answer(db, ended) == expected_answer(asked)
     (event,) = [e for e in events.read_events(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
     assert event.data == {"from": __version__, "to": running_code()}
-
-
-def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) -> None:
-    """A copy of the sources says the same from another folder, and something else after a comment in one file."""
-    for package in ("solver/tailstack", "service/tailstack_service"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    path = os.pathsep.join([str(tmp_path / "solver"), str(tmp_path / "service")])
-
-    def named() -> str:
-        code = "from tailstack_service.processes.birth import running_code; print(running_code())"
-        return run_python("-P", "-c", code, said={"PYTHONPATH": path}, check=True, cwd=tmp_path).stdout.strip()
-
-    assert named() == running_code()
-    for file in ("solver/tailstack/tail/lattice.py", "service/tailstack_service/operations/units/parts.py"):
-        changed = tmp_path / file
-        original = changed.read_bytes()
-        changed.write_bytes(original + b"# patched\n")
-        assert named() != running_code()
-        assert named().startswith(f"{__version__}+")
-        changed.write_bytes(original)
 
 
 def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, tmp_path: Path) -> None:
