@@ -24,10 +24,12 @@ import strange_units
 from strange_units import begun, expected_answer, request
 
 from family import started
+from tailstack_service.jobs.engines.engine import start_engine
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
 from tailstack_service.processes.task import ADVANCE, Defect, Died, GivenBack, Outcome, Task, UnitResult
+from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 UNIT = b'{"unit":0}'
@@ -333,13 +335,14 @@ def test_a_process_whose_nursery_has_ended_leaves() -> None:
 @pytest.mark.long
 def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_path: Path) -> None:
     note, go = tmp_path / "note", tmp_path / "go"
-    with closing(PoolEngine(2, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:
+    settings = Settings(worker_processes=2, hang_seconds=2.0)
+    with closing(start_engine(settings, function=strange_units.FUNCTION)) as engine:
         stopped = engine.submit(task("burn", note=str(note)), "stopped")
         ((_, victim),) = until(lambda: begun(note))
         computing = engine.submit(task("burn", until=str(go)), "computing")
         until(lambda: engine.seconds(computing))
         os.kill(victim, signal.SIGSTOP)
-        with pytest.raises(Died, match="no sign of life: it used no processor time"):
+        with pytest.raises(Died, match="no sign of life: it used no processor time for 2 s"):
             stopped.result(LIMIT_SECONDS)
         assert not psutil.pid_exists(victim)
         assert not computing.done()  # it has computed for as long

@@ -8,18 +8,18 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import psutil
 import pytest
 from postgres import Server
-from strange_units import FUNCTION, expected_answer, request, units_begun
+from strange_units import FUNCTION, request
 from worker_scenes import (
     PROGRAM,
     TENANT,
     VERSION,
     computing_processes,
-    finished,
     job,
     prepared_database,
     started,
@@ -28,22 +28,13 @@ from worker_scenes import (
 )
 
 from family import die_with_parent, ended
-from tailstack_service.jobs.store import results, workers
+from tailstack_service.jobs.store import workers
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.birth import make_command, make_environment
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
 
 COMMAND = make_command("tailstack_service.cli.main", "worker")
-
-
-def computed(db: Database, submitted: Job, asked: bytes) -> bool:
-    ended = finished(db, submitted)
-    assert ended.state == "succeeded", ended.problem
-    assert ended.result_sha256 is not None
-    kept = results.read_result(db, TENANT, ended.result_sha256)
-    return kept is not None and kept.body == expected_answer(asked)
 
 
 def at_work(db: Database) -> bool:
@@ -134,20 +125,17 @@ def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path)
     assert "tailstack db migrate" in (tmp_path / "log").read_text()
 
 
-@pytest.mark.long
-def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path: Path) -> None:
-    def check() -> tuple[int, str]:
-        told = {**make_environment(), "TAILSTACK_DATABASE": database_url}
-        done = subprocess.run([*COMMAND, "--check"], env=told, capture_output=True, text=True, timeout=LIMIT_SECONDS)
-        return done.returncode, done.stdout
-
+def test_the_health_check_sees_a_worker_of_this_host(
+    database_url: str, tmp_path: Path, call: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TAILSTACK_DATABASE", database_url)
     with prepared_database(database_url) as db:
-        assert check() == (3, "no worker of this host is alive\n")
+        assert call("worker", "--check")[:2] == (3, "no worker of this host is alive\n")
         workers.report_alive(db, "elsewhere", "another-host", 1, "1.0", "pool", 2)
-        assert check()[0] == 3
+        assert call("worker", "--check")[0] == 3
         with worker_process(database_url, tmp_path / "log") as worker:
             until(lambda: len(workers.list_workers(db)) == 2)
-            code, said = check()
+            code, said, _ = call("worker", "--check")
             assert code == 0
             assert f"-{worker.pid}-" in said
 
@@ -210,18 +198,3 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
         finally:
             purging.close()
         assert jobs.find_job(db, TENANT, kept.id) is not None
-
-
-@pytest.mark.long
-def test_a_computing_process_that_is_stopped_is_replaced_within_its_time(database_url: str, tmp_path: Path) -> None:
-    note, go = tmp_path / "note", tmp_path / "go"
-    asked = request("burn", note=str(note), until=str(go))
-    told = {"TAILSTACK_HANG_SECONDS": "2", "TAILSTACK_WORKER_PROCESSES": "1"}
-    with prepared_database(database_url) as db, worker_process(database_url, tmp_path / "log", **told) as worker:
-        made = submit(db, asked)
-        until(lambda: units_begun(note) == [0])
-        (child,) = computing_processes(worker)
-        child.suspend()
-        go.touch()
-        assert computed(db, made, asked)
-    assert "no sign of life" in (tmp_path / "log").read_text()

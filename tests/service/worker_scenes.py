@@ -13,7 +13,8 @@ from typing import Any
 import psutil
 import strange_units
 
-from family import die_with_parent, ended, forked_of
+import family
+from family import ended, forked_of
 from tailstack_service.clock import SYSTEM_CLOCK, Clock
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.jobs.store import jobs
@@ -131,7 +132,7 @@ def working(
 @contextmanager
 def worker_process(
     url: str, log: Path, *, function: str = strange_units.FUNCTION, version: str = VERSION, **changes: str
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[subprocess.Popen[str]]:
     """A worker as a process of its own, with the strange units; ``log`` gets its stderr."""
     told = {"TAILSTACK_LEASE_SECONDS": "1", "TAILSTACK_POLL_SECONDS": "0.01", "TAILSTACK_WORKER_PROCESSES": "2"}
     with started(
@@ -141,16 +142,14 @@ def worker_process(
 
 
 @contextmanager
-def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
     """A process with these variables; whatever happens, nothing of it is left."""
     kept = {name: value for name, value in make_environment().items() if not name.startswith("TAILSTACK_")}
-    with log.open("ab") as errors:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors,
-            env={**kept, "TAILSTACK_DATABASE": url, **told},
-            preexec_fn=die_with_parent,
-        )  # fmt: skip
-    with ended(process):
+    own = {**kept, "TAILSTACK_DATABASE": url, **told}
+    with (
+        log.open("ab") as errors,
+        family.started(*command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, env=own) as process,
+    ):
         yield process
 
 
@@ -160,5 +159,5 @@ def end(process: subprocess.Popen[bytes]) -> None:
         pass
 
 
-def computing_processes(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
+def computing_processes(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return forked_of(process.pid)
