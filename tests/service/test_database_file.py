@@ -12,10 +12,9 @@ import shutil
 import signal
 import sqlite3
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,13 @@ from served import Served, served
 from service_scenes import client_of, client_with, small_design
 from sqlalchemy.exc import OperationalError
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, submit, url_of
-from worker_scenes import finished, prepared_database, worker_process
+from worker_scenes import prepared_database, worker_process
 from worker_scenes import submit as submit_strange
 
 from family import COMMAND, run_process
 from tailstack_service.cli.main import main
 from tailstack_service.http import service as http_service
-from tailstack_service.http.server import running_service
-from tailstack_service.jobs.store import database, jobs, results, schema, upkeep, workers
+from tailstack_service.jobs.store import database, jobs, results, schema, upkeep
 from tailstack_service.jobs.store.database import Database, _find_closed, connect, find_reading_mode, reading, writing
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import migrate_database, open_database
@@ -349,45 +347,11 @@ def ready(client: httpx.Client) -> tuple[int, str]:
 
 
 @pytest.mark.long
-def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wakes(
-    postgres_server: Server, postgres_url: str, tmp_path: Path
-) -> None:
-    schema.migrate_database(postgres_url)
-    body = {"design": small_design(), "trials": 1000}
-    with (
-        served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
-        client_of(service.url) as client,
-        ThreadPoolExecutor(24) as pool,
-    ):
-        serve = next(p for p in psutil.Process().children() if p.cmdline()[-3:] == ["serve", "--port", "0"])
-        accepted = client.post("/v1/verifications", json=body)
-        assert accepted.status_code == 202, accepted.text
-        with postgres_server.frozen():
-            waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(16)]  # more than there are readers
-            for status, told in pool.map(ready, [client] * 5):
-                assert (status, told) == (503, "no database")
-            assert client.get("/health/live").status_code == 200
-            assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
-            for refused in waiting:
-                response = refused.result(LIMIT_SECONDS)
-                assert response.status_code == 503, response.text
-                assert response.json()["type"] == "/v1/problems/store-unavailable"
-            threads, files = serve.num_threads(), serve.num_fds()
-            for _ in range(3):
-                assert ready(client)[0] == 503
-            assert serve.num_threads() <= threads
-            assert serve.num_fds() <= files + 2
-        until(lambda: ready(client)[0] == 200)
-        assert len(client.get("/v1/jobs").json()["jobs"]) == 1
-        job = accepted.headers["location"]
-        until(lambda: client.get(job).json()["state"] == "succeeded")
-
-
-@pytest.mark.long
 def test_readiness_waits_for_nobody_who_waits(
     postgres_server: Server, postgres_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those who read wait for as long as the server stands still, in every thread that there is for them."""
+    """Those who read wait for as long as the server stands still, in every thread that there is for them; what needs no
+    database is answered, and to look again and again leaves nothing open."""
     schema.migrate_database(postgres_url)
     monkeypatch.setattr(database, "CONNECTING_SECONDS", LIMIT_SECONDS)
     monkeypatch.setattr(http_service, "LOOK_SECONDS", 0.3)
@@ -404,33 +368,17 @@ def test_readiness_waits_for_nobody_who_waits(
         with postgres_server.frozen():
             waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(2 * http_service.THREADS)]
             until(lambda: len(listing) == http_service.THREADS, lambda: listing)
+            assert ready(client) == (503, "no database")
+            threads, files = threading.active_count(), psutil.Process().num_fds()
             for _ in range(3):
                 assert ready(client) == (503, "no database")
+            assert threading.active_count() <= threads
+            assert psutil.Process().num_fds() <= files + 2
+            assert client.get("/health/live").status_code == 200
+            assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
             assert not any(each.done() for each in waiting)
         assert [each.result(LIMIT_SECONDS).status_code for each in waiting] == [200] * len(waiting)
         until(lambda: ready(client)[0] == 200)
-
-
-@pytest.mark.long
-def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_computed_again(
-    postgres_server: Server, postgres_url: str, tmp_path: Path
-) -> None:
-    """Two workers with units in their hands; by the time the server wakes every lease has run out."""
-    note, go = tmp_path / "note", tmp_path / "go"
-    request = strange_units.request("wait", units=3, note=str(note), until=str(go))
-    with prepared_database(postgres_url) as db, ExitStack() as stack:
-        for name in ("one", "other"):
-            stack.enter_context(worker_process(postgres_url, tmp_path / name))
-        until(lambda: len(workers.list_workers(db)) == 2)
-        made = submit_strange(db, request)
-        until(lambda: len(strange_units.begun(note)) == 4)
-        with postgres_server.frozen():
-            go.touch()
-            for name in ("one", "other"):  # by then no beat came through for longer than a lease
-                until(lambda name=name: "leases are not prolonged" in (tmp_path / name).read_text())  # type: ignore[misc]
-        ended = finished(db, made)
-    assert ended.state == "succeeded"
-    assert Counter(strange_units.units_begun(note)) == {0: 1, 1: 1, 2: 1}
 
 
 @pytest.mark.long
@@ -488,46 +436,6 @@ def change(db: Database, statement: str, value: bytes) -> None:
         assert connection.exec_driver_sql(statement.replace("?", mark), (value,)).rowcount == 1
 
 
-# --- over HTTP, with a worker ---------------------------------------------------------------------
-
-
-@pytest.mark.long
-def test_a_changed_result_is_refused_and_asked_for_again_it_is_computed_anew(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = tmp_path / "jobs.sqlite3"
-    settings = Settings(database=f"sqlite:///{path}", worker_processes=1, max_wait_seconds=600.0)
-    keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
-    with (
-        running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
-        client_of(f"http://{host}:{port}") as client,
-    ):
-        until(lambda: client.get("/health/ready").status_code == 200)
-        first = client.post("/v1/verifications", json=BODY, headers=keyed)
-        assert first.status_code == 200, first.text
-        result, job = first.headers["content-location"], first.headers["location"]
-        tag = {"If-None-Match": client.get(result).headers["etag"]}
-        assert client.get(result, headers=tag).status_code == 304
-        with closing(sqlite3.connect(path)) as other, other:
-            other.execute("UPDATE results SET body = ?", (FORGED,))
-
-        for _ in range(2):  # and it stays so
-            for address, headers in ((result, {}), (result, tag), (f"{result}/report", {}), (f"{job}/result", {})):
-                refused = client.get(address, headers=headers, follow_redirects=True)
-                assert refused.status_code == 503, (address, refused.text)
-                assert refused.json()["type"] == "/v1/problems/store-error"
-                assert "immutable" not in refused.headers.get("cache-control", "")
-        assert client.get(job).json()["state"] == "succeeded"
-        assert any(record.__dict__.get("action") == "damaged" for record in caplog.records)
-
-        again = client.post("/v1/verifications", json=BODY, headers={**keyed, "Idempotency-Key": "two"})
-        assert again.status_code == 200, again.text
-        assert again.headers["location"] != job
-        assert again.content == first.content
-        assert client.get(result, headers=tag).status_code == 304
-        assert client.post("/v1/verifications", json=BODY, headers=keyed).content == first.content
-
-
 # --- in the store ---------------------------------------------------------------------------------
 
 
@@ -538,11 +446,35 @@ def finished_job(db: Database, answer: bytes = b'{"answer":1}', **changes: Any) 
     return find(db, made)
 
 
+def test_a_changed_result_is_answered_with_503_until_it_is_computed_anew(
+    store: Database, caplog: pytest.LogCaptureFixture
+) -> None:
+    with client_with(Settings(database=url_of(store))) as client:
+        job = accept(client)
+        finish(store)
+        result = client.get(job).json()["links"]["result"]
+        tag = {"If-None-Match": client.get(result).headers["etag"]}
+        assert client.get(result, headers=tag).status_code == 304
+        change(store, "UPDATE results SET body = ?", FORGED)
+        for _ in range(2):  # and it stays so
+            for address, headers in ((result, {}), (result, tag), (f"{result}/report", {}), (f"{job}/result", {})):
+                refused = client.get(address, headers=headers, follow_redirects=True)
+                assert (refused.status_code, refused.json()["type"]) == (503, "/v1/problems/store-error"), address
+                assert "immutable" not in refused.headers.get("cache-control", "")
+        assert client.get(job).json()["state"] == "succeeded"
+        assert any(record.__dict__.get("action") == "damaged" for record in caplog.records)
+        accept(client)
+        finish(store)
+        assert client.get(result, headers=tag).status_code == 304
+
+
 def test_a_changed_answer_is_refused_whoever_came_to_it_until_it_is_computed_again(store: Database) -> None:
     mine, theirs = finished_job(store), finished_job(store, tenant="other")
     apart = finished_job(store, b'{"answer":2}')
     name = str(mine.result_sha256)
     change(store, "UPDATE results SET body = ? WHERE sha256 = '" + name + "'", FORGED)
+    (wrong,) = [check for check in upkeep.check_database(store) if not check.ok]
+    assert name in wrong.detail
     for tenant in ("acme", "other"):
         with pytest.raises(DamagedStore, match=name):
             results.read_result(store, tenant, name)
@@ -553,6 +485,7 @@ def test_a_changed_answer_is_refused_whoever_came_to_it_until_it_is_computed_aga
         kept = results.read_result(store, tenant, name)
         assert kept is not None
         assert (healed.result_sha256, kept.body) == (name, b'{"answer":1}')
+    assert all(check.ok for check in upkeep.check_database(store))
     assert find(store, theirs).state == "succeeded"
 
 
@@ -600,15 +533,3 @@ def test_nothing_is_computed_from_changed_requests_or_parts(
     assert failed.problem is not None
     assert failed.problem["errors"][0]["code"] == code
     assert submit(store, idempotency_key="k").id != job.id
-
-
-def test_what_is_damaged_is_named(
-    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
-    name = str(finished_job(store).result_sha256)
-    change(store, "UPDATE results SET body = ?", FORGED)
-    assert main(["db", "check"]) == 3
-    assert name in capsys.readouterr().out
-    finished_job(store)
-    assert main(["db", "check"]) == 0
