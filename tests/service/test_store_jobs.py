@@ -190,9 +190,11 @@ def test_cancelling_takes_effect_at_once_and_once(store: Database, clock: Clock)
 
 
 def test_events_tell_the_whole_story_and_resume_anywhere(store: Database, clock: Clock) -> None:
-    job = submit(store)
+    job = submit(store, kind="optimisation", request_id="r-9")
     clock.advance(10)
-    assert record(store, claim_one(store), more=(b'{"a":1}', b'{"a":2}'), remaining=4, note="two shards")
+    first = claim_one(store)
+    assert (first.kind, first.request_id, first.tenant, first.results) == ("optimisation", "r-9", "acme", ())
+    assert record(store, first, more=(b'{"a":1}', b'{"a":2}'), remaining=4, note="two shards", cpu_seconds=0.25)
     clock.advance(10)
     assert record(store, claim_one(store), result=b"1")
     clock.advance(10)
@@ -212,7 +214,13 @@ def test_events_tell_the_whole_story_and_resume_anywhere(store: Database, clock:
     for sequence in range(7):
         assert told(store, job, sequence) == expected[sequence:]
     assert len(events.read_events(store, "acme", job.id, 1, 2)) == 2
-    assert find(store, job).last_event == 6
+    done = find(store, job)
+    assert (done.last_event, done.units_done, done.units_expected) == (6, 4, 4)
+    assert (done.started_at, done.finished_at) == (clock.now - 20, clock.now)
+    assert done.cpu_seconds == pytest.approx(0.25 + 3 * 0.5, abs=1e-12)
+    kept = results.read_result(store, "acme", name)
+    assert kept is not None
+    assert (kept.body, kept.schema_name) == (b"{}", "optimisation")
 
 
 def test_a_refused_job_carries_its_problem(store: Database) -> None:
@@ -238,57 +246,7 @@ def alive(db: Database, worker_id: str, version: str) -> None:
     workers.report_alive(db, worker_id, "host", 1, version, "pool", 2)
 
 
-def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) -> None:
-    job = submit(store, b'{"seed":7}', kind="optimisation", request_id="r-9")
-    clock.advance(5)
-    first = claim_one(store)
-    assert (first.job_id, first.index, first.generation, first.token) == (job.id, 0, 1, 1)
-    assert (first.kind, first.request, first.spec, first.results) == ("optimisation", b'{"seed":7}', ADVANCE, ())
-    assert (first.deaths, first.attempts, first.request_id, first.tenant) == (0, 1, "r-9", "acme")
-    running = find(store, job)
-    assert (running.state, running.started_at, running.units_done) == ("running", clock.now, 0)
-    assert claim(store) == []
-
-    assert record(store, first, more=(b"a", b"b", b"c"), remaining=2, note="starts 1 to 3", cpu_seconds=0.25)
-    planned = find(store, job)
-    assert (planned.units_done, planned.units_expected, planned.note) == (1, 1 + 3 + 2 + 1, "starts 1 to 3")
-    a, b, c = claim(store, limit=9)
-    assert [(held.index, held.spec, held.results) for held in (a, b, c)] == [
-        (1, b"a", ()),
-        (2, b"b", ()),
-        (3, b"c", ()),
-    ]
-    assert record(store, c, result=b"C")
-    assert record(store, a, result=b"A")
-    assert claim(store) == []  # b is outstanding: nothing to advance on
-    assert record(store, b, result=b"B")
-
-    second = claim_one(store)
-    assert (second.index, second.spec) == (4, ADVANCE)
-    assert second.results == (UnitResult(1, b"a", b"A"), UnitResult(2, b"b", b"B"), UnitResult(3, b"c", b"C"))
-    assert record(store, second, more=(b"d",))
-    assert find(store, job).units_expected == 5 + 1 + 0 + 1
-    assert record(store, claim_one(store), result=b"D")
-    third = claim_one(store)
-    assert third.index == 6
-    assert [(one.index, one.result) for one in third.results] == [(1, b"A"), (2, b"B"), (3, b"C"), (5, b"D")]
-    clock.advance(1)
-    assert record(store, third, answer=b'{"found":1}')
-
-    done = find(store, job)
-    assert (done.state, done.finished_at, done.units_done, done.units_expected) == ("succeeded", clock.now, 7, 7)
-    assert done.result_sha256 == hashlib.sha256(b'{"found":1}').hexdigest()
-    assert done.cpu_seconds == pytest.approx(0.25 + 6 * 0.5, abs=1e-12)
-    kept = results.read_result(store, "acme", done.result_sha256)
-    assert kept is not None
-    assert (kept.body, kept.schema_name) == (b'{"found":1}', "optimisation")
-    assert [(row.spec, row.result) for row in stored_units(store, job.id)] == [(None, None)] * 7
-    assert claim(store) == []
-
-
 def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store: Database) -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
     for _ in range(5):
         job = split(store, 8)
         held = claim(store, limit=8)
@@ -321,8 +279,9 @@ def test_an_outcome_that_the_unit_cannot_have_is_a_defect(
     assert find(store, job) == before
 
 
-def test_an_empty_result_is_a_result(store: Database) -> None:
+def test_an_empty_result_is_a_result_and_who_asks_for_none_gets_none(store: Database) -> None:
     split(store, 1)
+    assert claim(store, limit=0) == []
     assert record(store, claim_one(store), result=b"")
     assert claim_one(store).results == (UnitResult(1, b'{"unit":1}', b""),)
 
@@ -474,12 +433,6 @@ def test_figures_count_everything(store: Database, clock: Clock) -> None:
     jobs.cancel_job(store, "acme", job.id)
     finish(store)
     assert usage.read_figures(store).oldest_ready_seconds == 0.0
-
-
-def test_a_zero_limit_claims_nothing(store: Database) -> None:
-    submit(store)
-    assert claim(store, limit=0) == []
-    assert len(claim(store, limit=1)) == 1
 
 
 def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
