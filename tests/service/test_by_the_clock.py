@@ -17,7 +17,6 @@ import httpx
 import pytest
 from service_scenes import small_design
 from store_scenes import submit
-from worker_scenes import Stops
 
 from family import die_with_parent
 from tailstack_service.http import jobs
@@ -31,67 +30,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import until, until_async
-
-# --- the clock itself ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("set_before", [False, True])
-def test_who_waits_in_a_thread_goes_on_when_the_clock_is_turned(set_before: bool) -> None:
-    clock, event = TurnedClock(), threading.Event()
-    ended: list[object] = []
-    waits = [
-        threading.Thread(target=lambda: ended.append(clock.wait(event, 60.0))),
-        threading.Thread(target=lambda: (clock.sleep(60.0), ended.append("slept"))),
-    ]
-    for one in waits:
-        one.start()
-    until(lambda: clock.waits == [60.0, 60.0])
-    clock.turn(59.0)
-    assert ended == []
-    if set_before:
-        event.set()
-        until(lambda: ended == [True])
-    clock.turn(1.0)
-    for one in waits:
-        one.join()
-    assert sorted(map(str, ended)) == sorted([str(set_before), "slept"])
-    assert clock.passed == 60.0
-
-
-async def test_who_waits_in_an_event_loop_goes_on_when_the_clock_is_turned() -> None:
-    clock = TurnedClock()
-    done, never = (asyncio.get_running_loop().create_future() for _ in range(2))
-
-    async def limited() -> str:
-        try:
-            async with clock.timeout(60.0):
-                await asyncio.shield(never)
-        except TimeoutError:
-            return "too long"
-        return ""
-
-    waits = [
-        asyncio.ensure_future(one)
-        for one in (clock.wait_async(done, 60.0), clock.wait_async(never, 60.0), limited(), clock.sleep_async(60.0))
-    ]
-    await until_async(lambda: len(clock.waits) == 4)
-    done.set_result(None)
-    assert await waits[0]
-    clock.turn(59.0)
-    assert not any(one.done() for one in waits[1:])
-    await asyncio.to_thread(clock.turn, 1.0)
-    assert await asyncio.gather(*waits) == [True, False, "too long", None]
-    assert not never.done()
-
-
-def test_a_clock_that_jumps_is_never_waited_for() -> None:
-    clock = TurnedClock(jumping=True)
-    clock.sleep(3600.0)
-    assert not clock.wait(threading.Event(), 60.0)
-    asyncio.run(clock.sleep_async(1.0))
-    assert clock.passed == 3661.0
-
+from waiting import until
 
 # --- a service --------------------------------------------------------------------------------------------
 
@@ -199,20 +138,3 @@ def test_a_file_that_stays_locked_is_given_up_after_its_time(tmp_path: Path) -> 
             waiting.join()
         assert "locked" in str(refused[0])
         submit(here)
-
-
-def test_a_worker_is_held_at_the_place_that_a_test_names() -> None:
-    stops, passed = Stops("record 3"), []
-
-    def work() -> None:
-        for place in ("claim", "record 3", "claim"):
-            stops(place)
-            passed.append(place)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    stops.until_reached("record 3")
-    assert passed == ["claim"]
-    stops.let_go("record 3")
-    thread.join()
-    assert passed == ["claim", "record 3", "claim"]

@@ -115,7 +115,7 @@ def test_commands_that_need_no_service_are_not_disturbed(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("command", [("db", "check"), ("keys", "list"), ("worker", "--check")])
-def test_an_address_that_is_none_is_bad_usage(command: tuple[str, ...], refused: Any) -> None:
+@pytest.mark.parametrize("command", [("db", "check"), ("keys", "list"), ("worker", "--check"), ("serve",)])
+def test_an_address_that_is_none_is_bad_usage(command: tuple[str, ...], refused: Any, loggers: None) -> None:
     for address in ("nonsense", "mysql://host/x", "sqlite://"):
         assert "--database" in refused(*command, "--database", address)
