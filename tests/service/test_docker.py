@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import copy
 import fnmatch
-import http.server
 import json
 import os
 import re
@@ -13,10 +12,8 @@ import shlex
 import shutil
 import subprocess
 import sys
-import threading
 import tomllib
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +21,7 @@ import jsonschema
 import pytest
 import yaml
 from answers import committed_answers, text_with_answers
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES, ROOT, answering, http_answer
 
 from family import COMMAND, run_process, run_python
 from tailstack_service.cli.main import build_parser
@@ -119,33 +116,14 @@ def test_every_variable_of_the_image_is_a_setting() -> None:
         assert given[name].startswith("/tmp")
 
 
-@pytest.fixture
-def ready(request: pytest.FixtureRequest) -> Iterator[int]:
-    """Port of a server whose /health/ready answers with the parameter."""
-
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(request.param if self.path == "/health/ready" else 404)
-            self.end_headers()
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield server.server_port
-    server.shutdown()
-    thread.join()
-    server.server_close()
-
-
-@pytest.mark.parametrize(("ready", "code"), [(200, 0), (503, 1)], indirect=["ready"])
-def test_the_health_check_tells_ready_from_not(ready: int, code: int) -> None:
+@pytest.mark.parametrize(("status", "code"), [(200, 0), (503, 1)])
+def test_the_health_check_tells_ready_from_not(status: int, code: int) -> None:
     *python, program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])
     assert python == ["python", "-I", "-c"]
     assert "8321" in program
-    assert run_python("-c", program.replace("8321", str(ready))).returncode == code
+    with answering(http_answer(status, b"")) as (url, asked):
+        assert run_python("-c", program.replace("8321", url.rpartition(":")[2])).returncode == code
+    assert asked[0].startswith(b"GET /health/ready HTTP/1.1\r\n")
 
 
 def test_the_health_check_fails_where_nothing_listens() -> None:

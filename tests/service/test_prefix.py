@@ -58,6 +58,8 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
         job = accepted.json()
         assert accepted.headers["location"] == job["links"]["self"] == f"{MOUNTED}/v1/jobs/{job['id']}"
         assert ask("GET", f"/v1/jobs/{job['id']}").json()["links"]["events"] == f"{MOUNTED}/v1/jobs/{job['id']}/events"
+        for url in (client.base_url, client.base_url.join(MOUNTED)):
+            assert RemoteService(str(url), key="").ask("GET", f"/v1/jobs/{job['id']}").json()["id"] == job["id"]
         assert ask("POST", "/v1/verifications", json=BODY).status_code == 202
         page = ask("GET", "/v1/jobs?limit=1")
         assert page.json()["next"].startswith(f"{MOUNTED}/v1/jobs?")
@@ -68,24 +70,6 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
             assert (browser.status_code, browser.headers["location"]) == (307, f"{MOUNTED}/"), (
                 "the page asks beside itself"
             )
-
-
-@pytest.mark.long
-def test_from_a_job_to_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("TAILSTACK_KEY", raising=False)
-    with client_with(Settings(root_path=MOUNTED, worker_processes=1), worker=True) as client:
-        job = client.post("/v1/verifications", json=BODY).json()
-        place = job["links"]["self"]
-        until(lambda: client.get(place).json()["state"] == "succeeded", lambda: client.get(place).json())
-        seen = client.get(f"{place}/result")
-        assert seen.status_code == 303
-        assert seen.headers["location"].startswith(f"{MOUNTED}/v1/results/")
-        assert client.get(seen.headers["location"]).status_code == 200
-        waited = client.post("/v1/verifications", json=BODY, headers={"Prefer": "wait=50"})
-        assert waited.headers["content-location"].startswith(f"{MOUNTED}/v1/results/")
-        for url in (client.base_url, client.base_url.join(MOUNTED)):
-            answer = RemoteService(str(url)).ask("GET", f"/v1/jobs/{job['id']}/result")
-            assert answer.json()["schema"] == "tailstack/verification/1"
 
 
 def test_without_it_nothing_changes_and_what_cannot_be_is_refused() -> None:
