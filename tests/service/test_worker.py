@@ -18,13 +18,13 @@ import psutil
 import pytest
 import sqlalchemy as sa
 from strange_units import begun, expected_answer, request, units_begun
-from worker_scenes import TENANT, Stops, finished, job, prepared_database, submit, working
+from worker_scenes import TENANT, finished, job, prepared_database, submit, working
 
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
 from tailstack_service.jobs import worker
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, workers
-from tailstack_service.jobs.store.database import Database, reading
+from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.birth import running_code
 from turned_clock import TurnedClock
@@ -192,17 +192,21 @@ def test_a_stop_gives_everything_back_at_once(db: Database, tmp_path: Path) -> N
         assert answer(db, finished(db, submitted)) == expected_answer(asked)
 
 
-def test_a_late_record_is_refused(db: Database, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The unit was taken over while this worker thought that it had it; what it finds is not written."""
+def test_a_late_record_is_refused(
+    db: Database, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The unit is taken over when this worker is about to write what it found: that is not written."""
     db, _ = by_turned_clock(db)  # there is no beat, by which it would notice its loss
-    submitted, stops = submit(db, request()), Stops("record 1")
-    with working(db, stops=stops):
-        stops.until_reached("record 1")
-        with db.engine.connect() as connection:
+    submitted, record = submit(db, request()), queue.record
+
+    def taken_over(store: Database, claim: queue.Claim, *arguments: Any, **options: Any) -> bool:
+        with writing(store) as connection:
             held = tables.units.c.number == 1
             connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
-            connection.commit()
-        stops.let_go()
+        return record(store, claim, *arguments, **options)
+
+    monkeypatch.setattr(queue, "record", taken_over)
+    with working(db):
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
         assert job(db, submitted).units_done == 1

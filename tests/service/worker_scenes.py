@@ -74,39 +74,17 @@ def prepared_database(url: str, clock: Clock = SYSTEM_CLOCK) -> Iterator[Databas
         db.close()
 
 
-class Stops:
-    """Places at which a worker is held, named as ``Worker`` names them, until the test lets it go on."""
-
-    def __init__(self, *places: str) -> None:
-        self._reached = {place: threading.Event() for place in places}
-        self._open = {place: threading.Event() for place in places}
-
-    def __call__(self, place: str) -> None:
-        if place in self._reached:
-            self._reached[place].set()
-            self._open[place].wait()
-
-    def until_reached(self, place: str) -> None:
-        until(self._reached[place].is_set)
-
-    def let_go(self, *places: str) -> None:
-        """Let the worker pass these places from now on, or all of them."""
-        for place in places or self._open:
-            self._open[place].set()
-
-
 @contextmanager
 def working(
-    db: Database, *, solver_version: str | None = VERSION, expected: type[Exception] | None = None,
-    stops: Stops | None = None, **changes: Any,
+    db: Database, *, solver_version: str | None = VERSION, expected: type[Exception] | None = None, **changes: Any
 ) -> Iterator[tuple[Worker, PoolEngine]]:  # fmt: skip
     """A worker in a thread of this process; ``expected`` is what its ``run`` has to raise in the end.
 
     It goes by the clock of the database.
     """
-    settings, stops = Settings(**(QUICK | changes)), stops or Stops()
+    settings = Settings(**(QUICK | changes))
     engine = PoolEngine(settings.worker_processes, function=strange_units.FUNCTION, clock=db.clock)
-    worker = Worker(db, engine, settings, solver_version=solver_version, clock=db.clock, at=stops)
+    worker = Worker(db, engine, settings, solver_version=solver_version, clock=db.clock)
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -121,7 +99,6 @@ def working(
         yield worker, engine
     finally:
         worker.stop()
-        stops.let_go()
         thread.join(LIMIT_SECONDS)
         assert not thread.is_alive()
         if raised and type(raised[0]) is not expected:  # also where the test waited for what it ended before

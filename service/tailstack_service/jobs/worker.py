@@ -151,18 +151,16 @@ class Heartbeat:
 class Worker:
     """One worker.  ``run`` works until ``stop``, which any thread or signal handler may call.
 
-    The engine is closed by ``run``; the database is the caller's.  ``at`` is called with the name of the place that
-    the worker has come to, and a test may hold it there: ``claim`` before it asks for units, ``record 3`` before what
-    unit 3 came to is written, ``renew`` before a beat prolongs the leases.
+    The engine is closed by ``run``; the database is the caller's.
     """
 
     def __init__(
         self, db: Database, engine: Engine, settings: Settings, *, solver_version: str | None = None,
-        clock: Clock = SYSTEM_CLOCK, at: Callable[[str], None] = lambda place: None,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:  # fmt: skip
         self.id = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(3)}"
         self._db = db.endable().within(TRANSACTION_SECONDS)
-        self._clock, self._at = clock, at
+        self._clock = clock
         self._engine, self._settings, self._version = engine, settings, solver_version or running_code()
         self._computations: dict[str, Computation] = {}  # by key of the claim; each access is atomic
         self._arrivals: SimpleQueue[Computation | Ending | None] = SimpleQueue()
@@ -219,7 +217,6 @@ class Worker:
         limit = self._engine.capacity * (1 + ahead) - len(self._computations)
         if limit <= 0:
             return
-        self._at("claim")
         claims = queue.claim(
             self._db, worker_id=self.id, solver_version=self._version, lease_seconds=self._settings.lease_seconds,
             limit=limit, max_attempts=self._settings.max_unit_attempts, max_deaths=self._settings.max_unit_deaths,
@@ -300,7 +297,6 @@ class Worker:
     def _write_endings(self) -> None:
         while self._endings:
             ending = self._endings[0]
-            self._at(f"record {ending.claim.index}")
             written = ending.write()
             self._endings.popleft()
             self._computations.pop(ending.claim.key, None)
@@ -320,7 +316,6 @@ class Worker:
                 self._stop_long(computation, seconds)
         self._kill_unwanted()
         claims = [computation.claim for computation in list(self._computations.values())]
-        self._at("renew")
         for claim in queue.renew(db, self.id, claims, self._settings.lease_seconds):
             lost = self._computations.pop(claim.key, None)
             if lost is not None:
