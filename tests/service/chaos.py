@@ -4,9 +4,8 @@
 
 A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
 manager would.  Jobs come in until all kills are done, then everything is waited for.  Not all is killed: workers and
-the database are frozen, the file of SQLite is deleted (and put back), a worker whose clock is an hour ahead takes units
-and dies; large gates are asked for and left.  Where the state of the service changes with that, readiness has to say so
-within three seconds.
+the database are frozen, the file of SQLite is deleted (and put back).  Where the state of the service changes with it,
+readiness has to say so within three seconds.
 ``test_chaos.py`` does the same with few kills.
 """
 
@@ -14,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import os
 import random
 import signal
@@ -25,7 +23,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -46,7 +44,6 @@ from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.operations.content import canonical
-from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.perform import perform
 from tailstack_service.problems import StoreError, StoreUnavailable
 from tailstack_service.processes.birth import make_command, make_environment, running_code
@@ -61,32 +58,16 @@ HASTE = 0.25  # of the kills come before the last one has been recovered from
 LOOK_SECONDS = 0.02
 PATIENCE_SECONDS = 300.0  # without any record: something is stuck
 TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
-AHEAD_SECONDS = 3_600.0  # of the clock of a worker that has it wrong
-AHEAD_PATIENCE_SECONDS = 10.0  # for that worker to find something to take
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 SETTINGS = {
     "TAILSTACK_LEASE_SECONDS": str(LEASE_SECONDS),
     "TAILSTACK_POLL_SECONDS": "0.02",
+    "TAILSTACK_SHORT_WORKERS": "1",  # nobody asks for anything short
     # Kills at random are no poison: the same unit may well be hit more often than five times
     "TAILSTACK_MAX_UNIT_DEATHS": "100",
     "TAILSTACK_MAX_UNIT_ATTEMPTS": "1000",
 }
-
-
-GATES, GATE_DESIGNS = 3, 25  # abandoned at a time, each of designs at the limits of size
-ANSWERED_WITHIN_SECONDS = 10.0  # a small score, after large gates were abandoned
-AHEAD = f"""
-from tailstack_service.clock import Clock
-from tailstack_service.settings import load_settings
-from tailstack_service.jobs.worker import run_worker
-
-class Ahead(Clock):
-    def time(self):
-        return super().time() + {AHEAD_SECONDS}
-
-run_worker(load_settings(), clock=Ahead())
-"""
 
 
 # --- what is computed -----------------------------------------------------------------------------
@@ -148,23 +129,6 @@ def undisturbed(request: Request) -> Expected:
         index += len(seen.more) + 1
 
 
-@cache
-def large_gate() -> bytes:
-    """An analytic gate of designs with as many fiducials and targets as are admitted."""
-    draw = random.Random(1)
-    points = [[draw.uniform(-40, 40), draw.uniform(-40, 40), draw.uniform(-80, 5)] for _ in range(200)]
-    targets = [[draw.uniform(-5, 5), draw.uniform(-5, 5), 70.0] for _ in range(50)]
-    design = {
-        **EXAMPLE_DESIGN,
-        "fiducials": {**EXAMPLE_DESIGN["fiducials"], "points": [{"position_mm": point} for point in points]},
-        "targets": [{"name": f"t{k}", "position_mm": point} for k, point in enumerate(targets)],
-        "requirements": [{"name": "all", "limit_mm": 1.5}],
-    }
-    design.pop("optimise", None)
-    designs = [{"file": f"{k}.yaml", "design": {**design, "name": f"design {k}"}} for k in range(GATE_DESIGNS)]
-    return json.dumps({"designs": designs, "mode": "analytic"}).encode()
-
-
 # --- who computes it ------------------------------------------------------------------------------
 
 
@@ -188,15 +152,11 @@ class Fleet:
     def revive(self) -> None:
         for name, words in self._commands.items():
             if name not in self.processes or self.processes[name].poll() is not None:
-                self.processes[name] = self.start(words)
-
-    def start(self, words: Sequence[str]) -> subprocess.Popen[bytes]:
-        """A process with the settings of the others."""
-        with self._log.open("ab") as log:
-            return subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
-                preexec_fn=die_with_parent,
-            )  # fmt: skip
+                with self._log.open("ab") as log:
+                    self.processes[name] = subprocess.Popen(
+                        words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment,
+                        preexec_fn=die_with_parent,
+                    )  # fmt: skip
 
     def pids(self) -> set[int]:
         """Of everything that may be a worker: what was started here, and children of the service."""
@@ -297,7 +257,7 @@ class Chaos:
             "frozen worker": self._freeze_worker,
         }
         if "serve" in fleet.processes:
-            every |= {"server": self._kill_server, "abandoned gates": self._abandon_gates}
+            every["server"] = self._kill_server
         if cluster is None:
             every["computing process"] = self._kill_child
         else:
@@ -305,7 +265,7 @@ class Chaos:
         if server is not None:
             every |= {"database": self._restart_database, "frozen database": self._freeze_database}
         else:
-            every |= {"deleted file": self._delete_file, "clock jump": self._kill_worker_ahead}
+            every["deleted file"] = self._delete_file
         self.kinds = {kind: every[kind] for kind in kinds or every}
 
     def run(self, kills: int, pause: tuple[float, float]) -> None:
@@ -500,51 +460,6 @@ class Chaos:
         settled = len(workers_there) == len(self.fleet.processes)
         return (under_way, delete) if under_way and settled and self._ready() in (200, None) else None
 
-    def _kill_worker_ahead(self) -> tuple[Units, Callable[[], None]] | None:
-        """A worker takes units while its clock is ahead, and dies; then the clock is right."""
-        ahead = self.fleet.start([sys.executable, "-c", AHEAD])
-        try:
-            until = time.monotonic() + AHEAD_PATIENCE_SECONDS
-            while time.monotonic() < until:
-                its = [w.id for w in self._insist(lambda: workers.list_workers(self.db)) if w.pid == ahead.pid]
-                under_way = self._leased(its[0]) if its else {}
-                if under_way:
-                    return under_way, lambda: end(ahead)
-                self._look_after()
-                time.sleep(LOOK_SECONDS)
-        except BaseException:
-            end(ahead)
-            raise
-        end(ahead)
-        return None
-
-    def _abandon_gates(self) -> tuple[Units, Callable[[], None]] | None:
-        """Callers ask for much and hang up; others are answered, and the jobs of everybody go on."""
-        assert self.fleet.url is not None
-        url, body = self.fleet.url, large_gate()
-
-        def ask_and_leave() -> None:
-            host, _, port = url.removeprefix("http://").partition(":")
-            head = f"POST /v1/gates HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\n"
-            head += f"Content-Length: {len(body)}\r\n\r\n"
-            with ExitStack() as stack:
-                for _ in range(GATES):
-                    connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=300))
-                    connection.sendall(head.encode() + body)
-                time.sleep(self.random.uniform(1.0, 2.0))
-            begun = time.monotonic()
-            self._expect(200, "large gates were abandoned")
-            try:
-                small = ask("POST", f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=300)
-                told = f"{small.status_code} after {time.monotonic() - begun:.1f} s"
-                answered = small.status_code == 200 and time.monotonic() - begun < ANSWERED_WITHIN_SECONDS
-            except httpx.HTTPError as error:
-                told, answered = repr(error), False
-            if not answered:
-                self.report.untrue.append(f"a small score beside abandoned gates: {told}")
-
-        return ({}, ask_and_leave) if self._ready() == 200 else None
-
     # --- readiness ----------------------------------------------------------------------------------
 
     def _ready(self) -> int | None:
@@ -642,18 +557,6 @@ def run_chaos(
 # --- ./run chaos ----------------------------------------------------------------------------------
 
 
-@contextmanager
-def _postgresql() -> Iterator[Server]:
-    binaries = find_binaries()
-    if binaries is None:
-        sys.exit("chaos: PostgreSQL is not installed (Debian: apt-get install postgresql); or --database sqlite")
-    server = Server(binaries)
-    try:
-        yield server
-    finally:
-        server.close()
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="./run chaos", description=__doc__.partition("\n")[0] if __doc__ else "")
     parser.add_argument("--kills", type=int, default=20, metavar="N", help="of each run (default %(default)s)")
@@ -676,10 +579,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tailstack-chaos-")))
             log = arguments.logs / f"{database}-{engine}" if arguments.logs else folder
             log.mkdir(parents=True, exist_ok=True)
-            server = stack.enter_context(_postgresql()) if database == "postgresql" else None
-            cluster = Cluster() if engine == "dask" else None
-            if cluster is not None:
-                stack.callback(cluster.close)
+            server = cluster = None
+            if database == "postgresql":
+                if (binaries := find_binaries()) is None:
+                    sys.exit("chaos: PostgreSQL is not installed (Debian: apt-get install postgresql)")
+                server = stack.enter_context(closing(Server(binaries)))
+            if engine == "dask":
+                cluster = stack.enter_context(closing(Cluster()))
             url = server.url(server.create_database()) if server else f"sqlite:///{folder / 'chaos.sqlite3'}"
             report = run_chaos(
                 f"{database}, {engine}", url, log, kills=arguments.kills, seed=arguments.seed, asked=requests(99),

@@ -6,10 +6,9 @@ TAILSTACK_TESTS_REQUIRE lists ``dask``: then they fail.
 
 from __future__ import annotations
 
-import datetime
 import importlib.util
 import os
-import random
+import runpy
 import shutil
 import socket
 import subprocess
@@ -18,12 +17,12 @@ import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from postgres import go_without
+from postgres import free_ports, go_without
+from service_scenes import ROOT
 
 from family import die_with_parent
 from waiting import LIMIT_SECONDS, until
@@ -36,53 +35,9 @@ QUIET = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Certificates:
-    """Paths of PEM files: an authority, and one pair that everybody in the cluster shows."""
-
-    authority: Path
-    certificate: Path
-    key: Path
-
-
-def make_certificates(directory: Path) -> Certificates:
-    """An authority of this cluster's own and a certificate for loopback signed by it, valid for a day."""
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-    from cryptography.x509.oid import NameOID
-
-    now = datetime.datetime.now(datetime.UTC)
-    authority_key, key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
-    issuer = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "tests of tailstack")])
-
-    def signed(subject: x509.Name, public: ec.EllipticCurvePublicKey, extension: x509.ExtensionType) -> bytes:
-        certificate = (
-            x509.CertificateBuilder()
-            .subject_name(subject)
-            .issuer_name(issuer)
-            .public_key(public)
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(now - datetime.timedelta(minutes=5))
-            .not_valid_after(now + datetime.timedelta(days=1))
-            .add_extension(extension, critical=True)
-            .sign(authority_key, hashes.SHA256())
-        )
-        return certificate.public_bytes(serialization.Encoding.PEM)
-
-    files = Certificates(directory / "ca.pem", directory / "certificate.pem", directory / "key.pem")
-    files.authority.write_bytes(
-        signed(issuer, authority_key.public_key(), x509.BasicConstraints(ca=True, path_length=0))
-    )
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "127.0.0.1")])
-    files.certificate.write_bytes(
-        signed(name, key.public_key(), x509.SubjectAlternativeName([x509.DNSName("localhost")]))
-    )
-    files.key.write_bytes(
-        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    )
-    files.key.chmod(0o600)
-    return files
+def make_certificates(directory: Path) -> None:
+    """ca.pem, certificate.pem and key.pem, by the script that is shipped for a cluster, valid for a day."""
+    runpy.run_path(str(ROOT / "docker" / "certificates.py"))["make"](directory, 1.0)
 
 
 class Cluster:
@@ -90,7 +45,7 @@ class Cluster:
 
     def __init__(self, workers: int = 2, *, module_path: str | None = None) -> None:
         self.directory = Path(tempfile.mkdtemp(prefix="tailstack-dask-"))
-        self.certificates = make_certificates(self.directory)
+        make_certificates(self.directory)
         # The kernel signals a process whose parent *thread* ends; this one lives as long as the test process
         self._parent = ThreadPoolExecutor(1, "dask")
         self._environment = {
@@ -119,18 +74,15 @@ class Cluster:
         return {
             "TAILSTACK_ENGINE": "dask",
             "TAILSTACK_DASK_SCHEDULER": self.address,
-            "TAILSTACK_DASK_CA_FILE": str(self.certificates.authority),
-            "TAILSTACK_DASK_CERT_FILE": str(self.certificates.certificate),
-            "TAILSTACK_DASK_KEY_FILE": str(self.certificates.key),
+            "TAILSTACK_DASK_CA_FILE": str(self.directory / "ca.pem"),
+            "TAILSTACK_DASK_CERT_FILE": str(self.directory / "certificate.pem"),
+            "TAILSTACK_DASK_KEY_FILE": str(self.directory / "key.pem"),
         }
 
     def revive(self) -> None:
         """Start what has ended; workers look for the scheduler by themselves."""
         if self.scheduler is None or self.scheduler.poll() is not None:
-            self.scheduler = self._launch(
-                "dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard",
-                "--dashboard-address", "127.0.0.1:0",
-            )  # fmt: skip
+            self.scheduler = self._launch_scheduler()
         for place, worker in enumerate(self.workers):
             if worker is None or worker.poll() is not None:
                 self.workers[place] = self._launch(
@@ -164,10 +116,9 @@ class Cluster:
         return self._log.read_text(errors="replace") if self._log.exists() else ""
 
     def _launch(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
-        files = self.certificates
         command = [
             sys.executable, "-m", f"distributed.cli.{program}", *arguments, "--protocol", "tls",
-            "--tls-ca-file", str(files.authority), "--tls-cert", str(files.certificate), "--tls-key", str(files.key),
+            "--tls-ca-file", "ca.pem", "--tls-cert", "certificate.pem", "--tls-key", "key.pem",
         ]  # fmt: skip
 
         def start() -> subprocess.Popen[bytes]:
@@ -179,22 +130,17 @@ class Cluster:
 
         return self._parent.submit(start).result(LIMIT_SECONDS)
 
+    def _launch_scheduler(self) -> subprocess.Popen[bytes]:
+        return self._launch(
+            "dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard",
+            "--dashboard-address", "127.0.0.1:0",
+        )  # fmt: skip
+
     def _start_on_free_port(self) -> int:
-        # Below the range that the system hands to outgoing connections, so that it is still free at a restart
-        for _ in range(20):
-            port = random.SystemRandom().randrange(20_000, 32_000)
-            with socket.socket() as probe:
-                try:
-                    probe.bind(("127.0.0.1", port))
-                except OSError:
-                    continue
-            self.port = port
-            self.scheduler = self._launch(
-                "dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard",
-                "--dashboard-address", "127.0.0.1:0",
-            )  # fmt: skip
+        for self.port in free_ports():
+            self.scheduler = self._launch_scheduler()
             if self._answers():
-                return port
+                return self.port
         raise RuntimeError(f"the Dask scheduler did not start:\n{self.log()[-2000:]}")
 
     def _answers(self) -> bool:
@@ -221,8 +167,7 @@ def installed() -> bool:
 def dask_cluster() -> Iterator[Cluster]:
     """The cluster of this test process: a scheduler and two workers."""
     if not installed():
-        words = "Dask is not installed (pip install 'tailstack[dask]')"
-        go_without("dask", words)
+        go_without("dask", "Dask is not installed (pip install 'tailstack[dask]')")
     import tailstack_service.jobs.engines.dask  # noqa: F401  # silences Dask's log once, for whatever test comes first
 
     with closing(

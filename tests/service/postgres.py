@@ -151,14 +151,7 @@ class Server:
             )  # fmt: skip
 
     def _start_on_free_port(self) -> int:
-        # Below the range that the system hands to outgoing connections, so that it is still free at a restart
-        for _ in range(20):
-            self.port = random.SystemRandom().randrange(20_000, 32_000)
-            with socket.socket() as probe:
-                try:
-                    probe.bind(("127.0.0.1", self.port))
-                except OSError:
-                    continue
+        for self.port in free_ports():
             try:
                 self.start()
             except RuntimeError:
@@ -167,6 +160,17 @@ class Server:
                 continue
             return self.port
         raise RuntimeError("no free port was found for PostgreSQL")
+
+
+def free_ports() -> Iterator[int]:
+    """Some at which nobody listens, below the range that the system hands to outgoing connections, so that they are
+    still free at a restart."""
+    for _ in range(20):
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as probe:
+            taken = probe.connect_ex(("127.0.0.1", port)) == 0
+        if not taken:
+            yield port
 
 
 def _unprivileged_account() -> pwd.struct_passwd | None:
@@ -208,8 +212,7 @@ def postgres_server() -> Iterator[Server]:
     """The server of this test process."""
     binaries = find_binaries()
     if binaries is None:
-        words = "PostgreSQL is not installed (Debian: apt-get install postgresql)"
-        go_without("postgresql", words)
+        go_without("postgresql", "PostgreSQL is not installed (Debian: apt-get install postgresql)")
     with closing(Server(binaries)) as server:
         yield server
 

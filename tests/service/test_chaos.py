@@ -27,11 +27,11 @@ def check(report: Report, kinds: set[str]) -> None:
 def test_a_service_and_a_worker_on_sqlite(tmp_path: Path, run_seed: int) -> None:
     """A check, a sweep, a search from several starts."""
     seed = SEED + run_seed
-    kinds = {"worker", "frozen worker", "server", "computing process", "deleted file", "clock jump", "abandoned gates"}
+    kinds = {"worker", "frozen worker", "server", "computing process", "deleted file"}
     url = f"sqlite:///{tmp_path / 'chaos.sqlite3'}"
-    report = run_chaos("sqlite", url, tmp_path, kills=7, seed=seed, asked=requests(3))
+    report = run_chaos("sqlite", url, tmp_path, kills=5, seed=seed, asked=requests(3))
     check(report, kinds)
-    assert len(report.looks) == 3
+    assert len(report.looks) == 2
 
 
 @pytest.mark.long

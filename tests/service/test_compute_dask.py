@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +17,9 @@ from strange_units import begun, request
 
 from family import forked_of
 from plain_data import read_cases
-from tailstack import load_design, score_batch
-from tailstack_service.operations.content import canonical
-from tailstack_service.operations.example import EXAMPLE_DESIGN
-from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.jobs.engines.engine import start_engine
 from tailstack_service.problems import RequestError
-from tailstack_service.processes.task import ADVANCE, Died, Estimated, RawRequest, Task, UnitResult
+from tailstack_service.processes.task import Defect, Died, GivenBack, Task
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
@@ -36,44 +31,11 @@ def task(do: str = "answer", **options: object) -> Task:
     return Task("verification", request(do, **options), b'{"unit":0}')
 
 
-def answer_of(engine: DaskEngine, kind: str, content: bytes) -> bytes:
-    """The answer of a job, unit by unit; a unit whose process died is computed again."""
-    results: list[UnitResult] = []
-    while True:
-        step = engine.submit(Task(kind, content, ADVANCE, tuple(results)), f"{kind}-{len(results)}").result()
-        if step.answer is not None:
-            return step.answer
-        for spec in step.more:
-            unit = Task(kind, content, spec)
-            try:
-                outcome = engine.submit(unit, f"{kind}-unit-{len(results)}").result()
-            except Died:
-                outcome = engine.submit(unit, f"{kind}-unit-{len(results)}-again").result()
-            assert outcome.result is not None
-            results.append(UnitResult(len(results), spec, outcome.result))
-
-
 def children(cluster: Cluster) -> list[psutil.Process]:
     found: list[psutil.Process] = []
     for worker in cluster.workers:
         found += forked_of(worker.pid) if worker else []
     return found
-
-
-def computing(cluster: Cluster) -> psutil.Process:
-    """The first process beside the workers that is seen to compute: it used a good part of a second of the processor
-    since it was first looked at, which no mere start does."""
-    first: dict[psutil.Process, float] = {}
-
-    def found() -> psutil.Process | None:
-        for child in children(cluster):
-            with suppress(psutil.NoSuchProcess):
-                seconds = child.cpu_times().user
-                if seconds > first.setdefault(child, seconds) + 0.1:
-                    return child
-        return None
-
-    return until(found)
 
 
 @pytest.fixture
@@ -99,8 +61,6 @@ def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Clust
 
 
 def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
-    from tailstack_service.processes.task import Defect, Died
-
     before = [worker.pid for worker in dask_cluster.workers if worker]
     futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
     for number, future in enumerate(futures):
@@ -112,30 +72,6 @@ def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cl
     with pytest.raises(Defect, match="ArithmeticError"):
         engine.submit(task("raise"), "raise").result(LIMIT_SECONDS)
     assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before
-
-
-@pytest.mark.long
-def test_a_table_of_designs_has_the_same_digits_when_a_process_is_killed_over_it(dask_cluster: Cluster) -> None:
-    """independent: the library's own table of scores, in this process."""
-    from tailstack_service.jobs.engines.dask import DaskEngine
-
-    table = {"/views/0/fiducial_noise_px": [0.1 + k / 5000 for k in range(600)]}
-    operation = OPERATIONS["batch"]
-    assert operation.body is not None
-    sent = RawRequest("json", canonical({"design": EXAMPLE_DESIGN, "table": table}), as_job=True)
-    read = operation.body.receive(sent, Settings())
-    assert isinstance(read, Estimated)
-    job = read.compute().job
-    assert job is not None
-    dask_cluster.revive()
-    with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
-        until(lambda: engine.capacity == 2)
-        answer = pool.submit(answer_of, engine, "batch", job.content)
-        computing(dask_cluster).kill()
-        found = answer.result(LIMIT_SECONDS)
-    columns, scores = json.loads(found)["columns"], score_batch(load_design(EXAMPLE_DESIGN), table)
-    assert scores.columns
-    assert [columns[name] for name in scores.columns] == [column.tolist() for column in scores.columns.values()]
 
 
 @pytest.mark.long
@@ -156,25 +92,9 @@ def test_processes_beside_dask_workers_compute_with_one_thread(dask_cluster: Clu
 
 
 @pytest.mark.long
-def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskEngine, tmp_path: Path) -> None:
-    """The scheduler gives what it computed to the other one."""
-    note, go = tmp_path / "note", tmp_path / "go"
-    held = task("wait", note=str(note), until=str(go))
-    futures = [engine.submit(held, f"lost-{number}") for number in range(2)]
-    until(lambda: len(begun(note)) == 2, lambda: begun(note))
-    dask_cluster.kill_worker(0)
-    go.touch()
-    assert all(future.result(LIMIT_SECONDS).result for future in futures)
-    dask_cluster.revive()
-    until(lambda: engine.capacity == 2)
-
-
-@pytest.mark.long
 def test_a_lost_scheduler_gives_everything_back_and_is_found_again(
     dask_cluster: Cluster, engine: DaskEngine, tmp_path: Path
 ) -> None:
-    from tailstack_service.processes.task import GivenBack
-
     note = tmp_path / "note"
     futures = [engine.submit(task("burn", note=str(note)), f"away-{number}") for number in range(4)]
     until(lambda: len(begun(note)) == 2, lambda: begun(note))
@@ -194,11 +114,8 @@ def test_a_lost_scheduler_gives_everything_back_and_is_found_again(
 
 @pytest.mark.long
 def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster) -> None:
-    from tailstack_service.jobs.engines.dask import DaskEngine
-    from tailstack_service.processes.task import GivenBack
-
     nowhere = Settings(**dask_cluster.settings | {"TAILSTACK_DASK_SCHEDULER": "tls://127.0.0.1:1"})
-    with closing(DaskEngine(nowhere)) as engine:
+    with closing(start_engine(nowhere)) as engine:
         assert engine.capacity == 0
         with pytest.raises(GivenBack):
             engine.submit(task(), "x").result(LIMIT_SECONDS)
@@ -207,12 +124,10 @@ def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster
 def test_only_while_an_engine_is_there_the_client_keeps_its_tracebacks_to_itself(
     dask_cluster: Cluster, engine: DaskEngine
 ) -> None:
-    from tailstack_service.jobs.engines.dask import DaskEngine
-
     client = logging.getLogger("distributed.client")
     record = client.makeRecord(client.name, logging.ERROR, __file__, 1, "Traceback", (), None)
     before, level = len(client.filters), client.level
-    with closing(DaskEngine(Settings(**dask_cluster.settings))):
+    with closing(start_engine(Settings(**dask_cluster.settings))):
         until(lambda: len(client.filters) == before + 1)
         engine.close()
         until(lambda: len(client.filters) == before)
@@ -224,8 +139,6 @@ def test_only_while_an_engine_is_there_the_client_keeps_its_tracebacks_to_itself
 def test_another_version_on_the_dask_workers_computes_nothing(
     engine: DaskEngine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tailstack_service.processes.task import GivenBack
-
     monkeypatch.setattr("tailstack_service.jobs.engines.dask.running_code", lambda: "0.0.0")
     with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):
         engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LIMIT_SECONDS)
@@ -233,8 +146,6 @@ def test_another_version_on_the_dask_workers_computes_nothing(
 
 @pytest.mark.parametrize(("change", "said"), read_cases("settings", "dask"))
 def test_settings_that_cannot_work_are_refused(change: dict[str, str], said: str, tmp_path: Path) -> None:
-    from tailstack_service.jobs.engines.engine import start_engine
-
     pytest.importorskip("distributed")
     (tmp_path / "file.pem").touch()
     files: dict[str, Any] = dict.fromkeys(

@@ -222,9 +222,9 @@ def test_only_a_service_on_another_machine_is_asked_through_the_proxy(monkeypatc
 
 
 def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = make_certificates(tmp_path)
+    make_certificates(tmp_path)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(files.certificate, files.key)
+    context.load_cert_chain(tmp_path / "certificate.pem", tmp_path / "key.pem")
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         listening.listen()
