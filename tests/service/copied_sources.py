@@ -1,4 +1,4 @@
-"""A copy of the solver's sources that somebody adds a file to, and one process that runs commands on it."""
+"""A copy of a package's sources that somebody adds something to, and one process that runs commands on it."""
 
 from __future__ import annotations
 
@@ -38,16 +38,24 @@ for name in matrix.CONSUMERS:
 """
 
 
-def copy_sources(root: Path) -> Path:
-    """The folder in which the copy of ``tailstack`` is."""
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "solver" / "tailstack", root / "solver" / "tailstack", ignore=ignored)
-    return root / "solver"
+def copy_sources(root: Path, package: str = "solver/tailstack") -> Path:
+    """The folder in which the copy of a package is."""
+    shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return (root / package).parent
+
+
+def edit(file: Path, *changes: tuple[str, str]) -> None:
+    """Put texts in the place of others, each of which stands once in a source."""
+    text = file.read_text(encoding="utf-8")
+    for before, after in changes:
+        assert text.count(before) == 1, before
+        text = text.replace(before, after)
+    file.write_text(text, encoding="utf-8")
 
 
 def path_of(source: Path) -> str:
-    """PYTHONPATH of the copy, with the service as it is."""
-    return os.pathsep.join([str(source), str(ROOT / "service")])
+    """PYTHONPATH of the copy, with the other package as it is."""
+    return os.pathsep.join(map(str, (source, ROOT / "solver", ROOT / "service")))
 
 
 def commands_on(variables: Mapping[str, str]) -> AbstractContextManager[subprocess.Popen[str]]:

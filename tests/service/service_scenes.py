@@ -32,19 +32,6 @@ ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 
 
-def copy_with_toy(package: Path, folder: Path, toy: str, text: str, table: str, *changes: tuple[str, str]) -> Path:
-    """A copy in ``folder`` of a package's sources with one file more, ``toy``, and changes of the file ``table``."""
-    copied = folder / package.name
-    shutil.copytree(package, copied, ignore=shutil.ignore_patterns("__pycache__"))
-    (copied / toy).write_text(text, encoding="utf-8")
-    listed = (copied / table).read_text(encoding="utf-8")
-    for before, after in changes:
-        assert listed.count(before) == 1
-        listed = listed.replace(before, after)
-    (copied / table).write_text(listed, encoding="utf-8")
-    return folder
-
-
 def convert_by_libreoffice(path: Path, form: str, folder: Path | None = None) -> None:
     """A file as LibreOffice reads it, written in another format, into a folder or beside it."""
     if shutil.which("soffice") is None:

@@ -9,16 +9,14 @@ import ast
 import importlib.util
 import json
 import re
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from threading import Event
 from types import ModuleType
 from typing import Any
 
 import pytest
-from service_scenes import EXAMPLES
+from service_scenes import EXAMPLES, answering, http_answer
 
 from plain_data import read_cases
 from waiting import LIMIT_SECONDS, until
@@ -36,75 +34,34 @@ def client() -> ModuleType:
     return module
 
 
-class Traffic:
-    """What reached the server, and how much of it at once."""
-
-    def __init__(self) -> None:
-        self.bodies: list[Any] = []
-        self.paths: list[str] = []
-        self.under_way = self.most = 0
-        self.lock = threading.Lock()
-
-
-@contextmanager
-def serving(answer: Callable[[str, Any], Answer], traffic: Traffic) -> Iterator[str]:
-    """A server on a free port that answers a path and a body."""
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            text = self.rfile.read(int(self.headers.get("Content-Length") or 0))
-            body = json.loads(text) if text else None
-            with traffic.lock:
-                traffic.paths.append(self.path)
-                traffic.bodies.append(body)
-                traffic.under_way += 1
-                traffic.most = max(traffic.most, traffic.under_way)
-            status, content = answer(self.path, body)
-            with traffic.lock:
-                traffic.under_way -= 1
-            sent = content.encode() if isinstance(content, str) else json.dumps(content).encode()
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(sent)))
-            self.end_headers()
-            self.wfile.write(sent)
-
-        do_POST = do_GET
-
-        def log_message(self, *_: Any) -> None:
-            """Nothing on stderr."""
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}"
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+def serving(*answers: Answer) -> AbstractContextManager[tuple[str, list[bytes]]]:
+    """A server that gives these answers, one after the other: a text as it is, anything else as JSON."""
+    texts = [content if isinstance(content, str) else json.dumps(content) for _, content in answers]
+    return answering(*(http_answer(status, text.encode()) for (status, _), text in zip(answers, texts, strict=True)))
 
 
 def test_a_drag_has_one_request_in_flight_and_ends_with_the_latest(client: ModuleType) -> None:
-    """The service answers nothing before the last of forty is asked: whoever drags does not wait for an answer."""
-    traffic, dragged = Traffic(), Event()
+    """Nothing is answered before the last of forty is asked: whoever drags does not wait for an answer."""
+    dragged, under_way, most = Event(), list[int](), list[int]()
 
-    def slowly(_: str, body: Any) -> Answer:
+    def slowly(number: int) -> Iterator[int]:
+        under_way.append(number)
+        most.append(len(under_way))
         assert dragged.wait(LIMIT_SECONDS)
-        return 200, {"number": body["design"]}
+        under_way.remove(number)
+        yield number
 
-    with serving(slowly, traffic) as address:
-        service = client.Service(address)
-        latest = client.Latest(lambda number: iter([service.score(number)]))
-        for number in range(40):
-            latest.ask(number)
-            assert latest.take() == []
-        dragged.set()
-        until(lambda: not latest.is_busy)
-        taken = latest.take()
-    assert taken[-1] == (39, {"number": 39})
+    latest = client.Latest(slowly)
+    for number in range(40):
+        latest.ask(number)
+        assert latest.take() == []
+    dragged.set()
+    until(lambda: not latest.is_busy)
+    taken = latest.take()
+    assert taken[-1] == (39, 39)
     assert [question for question, _ in taken] == sorted(question for question, _ in taken)
-    assert traffic.most == 1
-    assert len(traffic.bodies) <= 2  # the others were overtaken and never sent
+    assert max(most) == 1
+    assert len(most) <= 2  # the others were overtaken and never sent
 
 
 def test_a_long_answer_is_given_up_when_something_newer_is_asked(client: ModuleType) -> None:
@@ -145,22 +102,16 @@ def test_an_error_of_a_request_is_an_answer_and_the_thread_lives_on(client: Modu
 
 @pytest.mark.long
 def test_an_optimisation_that_becomes_a_job_is_waited_for(client: ModuleType) -> None:
-    states = iter(["queued", "running", "succeeded"])
-
-    def as_a_job(path: str, _: Any) -> Answer:
-        if path == "/v1/optimisations":
-            return 202, {"id": "j1"}
-        return 200, {"p95_after_mm": 0.5} if path.endswith("/result") else {"state": next(states)}
-
-    traffic = Traffic()
-    with serving(as_a_job, traffic) as address:
+    states = [(200, {"state": state}) for state in ("queued", "running", "succeeded")]
+    with serving((202, {"id": "j1"}), *states, (200, {"p95_after_mm": 0.5})) as (address, asked):
         assert client.Service(address).optimise({}) == {"p95_after_mm": 0.5}
-    assert traffic.paths == ["/v1/optimisations", *["/v1/jobs/j1"] * 3, "/v1/jobs/j1/result"]
+    paths = [head.split()[1].decode() for head in asked]
+    assert paths == ["/v1/optimisations", *["/v1/jobs/j1"] * 3, "/v1/jobs/j1/result"]
 
 
 @pytest.mark.parametrize(("answer", "words"), read_cases("clients", "refused"))
 def test_what_a_service_refuses_is_said_in_its_words(client: ModuleType, answer: Answer, words: str) -> None:
-    with serving(lambda *_: answer, Traffic()) as address, pytest.raises(client.Refusal, match=re.escape(words)):
+    with serving(answer) as (address, _), pytest.raises(client.Refusal, match=re.escape(words)):
         client.Service(address).score({})
 
 

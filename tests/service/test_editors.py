@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import re
 from collections.abc import Iterator
@@ -15,9 +14,9 @@ from editing import Editor, editor
 from jsonschema import Draft7Validator
 from jsonschema_rs import Draft7Validator as QuickDraft7
 from jsonschema_rs import Draft202012Validator as QuickDraft2020
-from service_scenes import EXAMPLES, client_with, small_design
+from service_scenes import EXAMPLES, client_with
 
-from tailstack.design import design_to_yaml, load_design
+from tailstack.design import load_design
 from tailstack.laws import Law
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import TITLES, json_schema
@@ -250,16 +249,6 @@ def test_editor_underlines_the_wrong_field(session: Editor, right: str, wrong: s
     line, column = place_of(text, wrong)
     starts = {(each["range"]["start"]["line"], each["range"]["start"]["character"]): each["message"] for each in found}
     assert words in starts.get((line, column + wrong.index(place)), ""), found
-
-
-def test_editor_checks_a_design_that_was_written(session: Editor, tmp_path: Path) -> None:
-    folder = session.folder / "written"
-    folder.mkdir()
-    (tmp_path / "small.yaml").write_text(design_to_yaml(load_design(copy.deepcopy(small_design()))))
-    convert(tmp_path / "small.yaml", folder / "small.yaml")
-    assert session.open(folder / "small.yaml") == []
-    wrong = typed(session, "written/wrong", (folder / "small.yaml").read_text().replace("limit_mm:", "limit_cm:", 1))
-    assert any("limit_cm is not allowed" in each["message"] for each in session.open(wrong))
 
 
 @pytest.mark.long

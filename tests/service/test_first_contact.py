@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import re
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, commands
 
 from plain_data import read_cases
-from tailstack.design import check_design, load_design
+from tailstack.design import Revision, check_design, design_to_data, load_design, revise_design
 from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import verbs
 from tailstack_service.console.progress import Progress
@@ -122,20 +123,9 @@ def test_beads_in_the_wrong_unit_are_one_refusal_a_view(call: Any) -> None:
 
 @pytest.mark.parametrize("width", ["0.161496", "0.1", "0.007", "1.234567"])
 def test_a_number_of_degrees_comes_back_as_it_was(width: str) -> None:
-    from math import radians
-
-    from tailstack.design import load_design
-    from tailstack.design.write import Revision, revise_design
-    from tailstack_service.operations.example import EXAMPLE_DESIGN
-
     change = Revision(half_width={("structure_connector", "rx"): radians(float(width))})
-    tolerances = revise_design(load_design(EXAMPLE_DESIGN), change).document.interfaces
-    assert tolerances is not None
-    assert tolerances.structure_connector is not None
-    assert tolerances.structure_connector.tolerances is not None
-    rx = tolerances.structure_connector.tolerances.rx
-    assert rx is not None
-    assert repr(rx.half_width_deg) == width
+    revised = design_to_data(revise_design(load_design(EXAMPLES / "demo.yaml"), change))
+    assert repr(revised["interfaces"]["structure_connector"]["tolerances"]["rx"]["half_width_deg"]) == width
 
 
 @pytest.mark.long

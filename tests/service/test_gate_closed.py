@@ -402,18 +402,6 @@ def test_the_reason_in_the_log_is_short(folder: Path, capsys: pytest.CaptureFixt
     assert said[15:] == ["tailstack gate: verdict: fail (exit code 1, 1 accepted by waivers)"]
 
 
-def test_a_baseline_written_by_one_run_is_read_by_the_next(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert judge_plainly("good.yaml", "--format", "json=base.json") == 0
-    noisy = limited(PASSING)
-    for view in noisy["views"]:
-        view["fiducial_noise_px"] *= 2
-        view["target_noise_px"] *= 2
-    write_documents(folder, {"good.yaml": noisy})
-    assert judge_plainly("good.yaml", "--baseline", "base.json") == 1
-    assert "[regression]" in capsys.readouterr().out
-    assert judge_plainly("good.yaml", "--baseline", "base.json", "--max-regression", "500") == 0
-
-
 @pytest.mark.parametrize("rule", RULES)
 def test_every_rule_has_a_page(rule: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["gate", "--explain", rule]) == 0

@@ -167,7 +167,7 @@ def test_the_sample_finds_wrong_passes_where_disagreement_is_left_out(run_seed: 
     Error rate: one in fourteen is passed wrongly, or more, so that none of 150 is with a probability of 2e-5.
     """
     with patch.object(Nonlinearity, "nu", property(lambda numbers: numbers.divisor)):
-        designs = islice(draw(12 + 1000 * run_seed, PLAIN, (0.003, 0.03)), 150)
+        designs = islice(draw(14 + 1000 * run_seed, PLAIN, (0.003, 0.03)), 150)
         assert any(row.wrong_beyond(LEAST) for row in designs)
 
 

@@ -18,14 +18,12 @@ from service_scenes import ROOT, limited, sound_design
 
 from plain_data import read_cases
 from tailstack.design.write import data_to_yaml
-from tailstack_service.cli.gate_files import Anchors
 from tailstack_service.cli.main import main
 from tailstack_service.gate.formats import FORMATS as WRITERS
 from tailstack_service.gate.formats import (
     SUMMARY_BYTES,
     cut_text,
     fingerprint_findings,
-    name_from_root,
     render_github,
     render_gitlab,
     render_junit,
@@ -101,7 +99,7 @@ def with_findings(*findings: GateFinding, **changes: Any) -> GateRecord:
 
 
 HOSTILE = finding(
-    file="a b/100%,é:1/d.yaml",
+    file="a b/100%,é:1/[#1]?.yaml",
     line=3,
     column=7,
     message="tip, target t: 5 %, <b>&\"'\x07\ud7ff,\r\n::error::stolen\n##[group]",
@@ -138,7 +136,7 @@ def test_workflow_commands_are_escaped() -> None:
     """published: actions/toolkit, packages/core/src/command.ts: % CR LF in data, and : and , in properties."""
     command, last = render_github(with_findings(HOSTILE)).splitlines()
     properties, _, data = command.removeprefix("::error ").partition("::")
-    assert properties == "file=a b/100%25%2Cé%3A1/d.yaml,line=3,col=7,title=tailstack p95"
+    assert properties == "file=a b/100%25%2Cé%3A1/[#1]?.yaml,line=3,col=7,title=tailstack p95"
     assert data == "tip, target t: 5 %25, <b>&\"'\x07\ud7ff,%0D%0A::error::stolen%0A##[group]"
     assert last == "tailstack gate: fail (exit code 1)"
 
@@ -232,7 +230,7 @@ def test_what_github_asks_of_sarif() -> None:
         assert rule["shortDescription"]["text"]
         assert len(rule["fullDescription"]["text"]) <= 1000
     places = [result["locations"][0]["physicalLocation"] for result in run_["results"]]
-    assert places[0]["artifactLocation"]["uri"] == "a%20b/100%25%2C%C3%A9%3A1/d.yaml"
+    assert places[0]["artifactLocation"]["uri"] == "a%20b/100%25%2C%C3%A9%3A1/%5B%231%5D%3F.yaml"
     assert [place["region"]["startLine"] for place in places] == [3, 1, 59]
     hashes = [result["partialFingerprints"]["primaryLocationLineHash"] for result in run_["results"]]
     assert len(set(hashes)) == 3
@@ -243,16 +241,6 @@ def test_fingerprints_do_not_hang_on_lines_or_values() -> None:
     moved = finding(line=900, column=1, value=7.0, message=finding().message.replace("0.6497", "0.7"))
     assert fingerprint_findings([finding()]) == fingerprint_findings([moved])
     assert len(set(fingerprint_findings([finding(), finding(), finding(rule="cvar"), finding(file="other.yaml")]))) == 4
-
-
-def test_files_are_named_from_the_root_of_the_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "parts" / "seat").mkdir(parents=True)
-    monkeypatch.chdir(tmp_path / "parts" / "seat")
-    monkeypatch.setenv("CI_PROJECT_DIR", str(tmp_path))
-    given = with_findings(*(finding(file=name) for name in ("../up.yaml", "/abs.yaml", "<stdin>")), finding())
-    record = name_from_root(given, Anchors().name_from_root)
-    assert [entry.file for entry in record.findings] == ["parts/up.yaml", "/abs.yaml", "<stdin>", "parts/seat/bad.yaml"]
-    assert record.designs[0].file == "parts/seat/good.yaml"
 
 
 def test_text_gives_no_command_to_a_runner() -> None:

@@ -19,6 +19,7 @@ import pytest
 from gate_scenes import FAILING, PASSING, TODAY, gate_in, of_rule, waivers_of_today, write_document
 from service_scenes import limited
 
+from tailstack_service.cli.gate_files import Anchors
 from tailstack_service.cli.main import main
 from tailstack_service.gate.judge import Gate, judge
 from tailstack_service.gate.records import GateRecord
@@ -213,6 +214,9 @@ def test_formats_of_pipelines_name_files_from_the_root_of_the_repository(
         monkeypatch.setenv(variable, str(link))
         for folder in (real, real / "released", tree / "elsewhere"):
             assert paths(folder, link / part) == (part, part)
+        with chdir(real / "released"):
+            for name in ("<stdin>", "/of/another/repository.yaml"):
+                assert Anchors().name_from_root(name) == name
         monkeypatch.delenv(variable)
 
 

@@ -8,13 +8,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
 
 import pytest
 from gate_scenes import BAD, GOOD, STRICT, TODAY, read_gate_record, waivers, write_documents
 from service_scenes import limited
-from test_gate_formats import GITLAB, SARIF, XSD
-from xsd import problems
 
 from plain_data import read_cases
 from tailstack.design.write import data_to_yaml
@@ -171,35 +168,6 @@ def test_the_place_is_that_of_the_value(room: Path, name: str, write: Callable[[
     assert line[column:].startswith(f"&limit {VALUE}" if name == "anchored.yaml" else VALUE), (line, column)
     assert ("limit_mm" in line) != (name == "anchored.yaml")
     assert (finding.rule, finding.pointer) == ("p95", "/requirements/0/limit_mm")
-
-
-NAMES = ("a b.yaml", "100%.yaml", "x:1.yaml", "é, ü.yaml", "[1]*.yaml", "a;b&c'd\"e.yaml", "-dash.yaml", "#1?.yaml")
-
-
-def test_names_of_files_come_through_in_every_format(room: Path) -> None:
-    for name in NAMES:
-        (room / name).write_text(data_to_yaml(BAD), encoding="utf-8")
-    ways = [f"./{name}" if name.startswith("-") else name for name in NAMES]
-    formats = ["sarif=o.sarif", "junit=o.xml", "github=o.github", "gitlab=o.gitlab", "markdown=o.md", "text=o.txt"]
-    findings = found(*ways, *[f"--format={entry}" for entry in formats])
-    assert [finding.file for finding in findings] == list(NAMES)
-    log = json.loads((room / "o.sarif").read_text(encoding="utf-8"))
-    SARIF.validate(log)
-    uris = [
-        result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] for result in log["runs"][0]["results"]
-    ]
-
-    assert [unquote(urlsplit(uri).path) for uri in uris] == list(NAMES)
-    assert not any(urlsplit(uri).scheme or urlsplit(uri).fragment or urlsplit(uri).query for uri in uris)
-    GITLAB.validate(report := json.loads((room / "o.gitlab").read_text(encoding="utf-8")))
-    assert [entry["location"]["path"] for entry in report] == list(NAMES)
-    assert problems(XSD, (room / "o.xml").read_bytes(), "testsuites") == []
-    commands = (room / "o.github").read_text(encoding="utf-8").splitlines()
-    files = [command.split("file=", 1)[1].split(",line=")[0] for command in commands[:-1]]
-    undone = [file.replace("%3A", ":").replace("%2C", ",").replace("%25", "%") for file in files]
-    assert undone == list(NAMES)
-    for name in NAMES:
-        assert f"{name}:59:" in (room / "o.txt").read_text(encoding="utf-8")
 
 
 def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(room: Path) -> None:

@@ -157,15 +157,6 @@ def test_whoever_has_to_know_of_an_effect_knows_of_it(variables: dict[str, str],
     meet_matrix(variables, tmp_path, "test_effect_matrix", "bending")
 
 
-def test_an_optimisation_keeps_it(copy: subprocess.Popen[str], tmp_path: Path) -> None:
-    file = designed(tmp_path)
-    optimised = json.loads(tailstack(copy, tmp_path, "optimise", str(file), "--starts", "1", "--json", codes=(0, 1, 4)))
-    assert optimised["design"]["bending"] == SAG
-    (tmp_path / "best.json").write_text(json.dumps(optimised["design"]), encoding="utf-8")
-    best = json.loads(tailstack(copy, tmp_path, "score", "best.json", "--json", codes=(0, 1, 4)))["targets"][0]
-    assert best["p95_mm"] <= 1.0005 * best["limit_mm"]
-
-
 @pytest.mark.long
 def test_the_page_shows_it_and_changes_it(variables: dict[str, str], tmp_path: Path, browser: None) -> None:
     path = variables["PYTHONPATH"]

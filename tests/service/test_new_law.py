@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import served
 import yaml
-from copied_sources import copy_sources, path_of
+from copied_sources import copy_sources, edit, path_of
 from service_scenes import ROOT
 
 from family import run_python
@@ -104,12 +104,7 @@ def test_parts_make_up_the_half_width(law: Law) -> None:
 def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The environment of a copy with the member and its row."""
     source = copy_sources(tmp_path_factory.mktemp("tailstack"))
-    file = source / "tailstack" / "laws.py"
-    text = file.read_text(encoding="utf-8")
-    for old, new in EDITS:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    file.write_text(text, encoding="utf-8")
+    edit(source / "tailstack" / "laws.py", *EDITS)
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import served
 import yaml
-from copied_sources import commands_on, copy_sources, meet_matrix, path_of, refusal, tailstack
+from copied_sources import commands_on, copy_sources, edit, meet_matrix, path_of, refusal, tailstack
 from page_in_node import in_node
 from service_scenes import ROOT
 
@@ -53,11 +53,9 @@ def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     source = copy_sources(tmp_path_factory.mktemp("tailstack"))
     measures = source / "tailstack" / "measures"
     (measures / "axis_angle.py").write_text(AXIS_ANGLE, encoding="utf-8")
-    table = (measures / "__init__.py").read_text(encoding="utf-8")
-    listed = table.replace("    angle.MEASURE,\n", "    angle.MEASURE,\n    axis_angle.MEASURE,\n")
-    listed = listed.replace("import angle, axial", "import angle, axial, axis_angle")
-    assert len(listed.splitlines()) == len(table.splitlines()) + 1
-    (measures / "__init__.py").write_text(listed, encoding="utf-8")
+    line = "    angle.MEASURE,\n"
+    named = ("import angle, axial", "import angle, axial, axis_angle")
+    edit(measures / "__init__.py", (line, f"{line}    axis_angle.MEASURE,\n"), named)
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
 
 
@@ -89,17 +87,6 @@ def test_it_is_limited_in_its_own_unit(copy: subprocess.Popen[str], tmp_path: Pa
     assert "limit_deg" in refusal(copy, tmp_path, "validate", str(designed(tmp_path, limit_mm=1.0)))
     alone = str(designed(tmp_path, limit_deg=0.6, targets=["tip"]))
     assert "read nowhere among the targets" in refusal(copy, tmp_path, "validate", alone)
-
-
-@pytest.mark.long
-def test_an_optimisation_tells_it(copy: subprocess.Popen[str], tmp_path: Path) -> None:
-    """Both limits together: one is kept in mm, one in degrees, and a table has both."""
-    file = str(designed(tmp_path, optimised=["tip-accuracy", "straight"], limit_deg=0.6))
-    text = " ".join(tailstack(copy, tmp_path, "optimise", file, "--starts", "2", "-o", "new.yaml").split())
-    assert "straight" in text
-    assert "0.6 deg" in text
-    verified = json.loads(tailstack(copy, tmp_path, "verify", "new.yaml", "--trials", "200000", "--json"))
-    assert verified["verdict"]["status"] == "pass"
 
 
 def test_the_terminal_and_the_page_tell_it_in_its_unit(copy: subprocess.Popen[str], tmp_path: Path) -> None:

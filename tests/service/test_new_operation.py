@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import jsonschema
 import pytest
 import served
-from service_scenes import ROOT, client_of, copy_with_toy
-
-from family import COMMAND, run_python
+import yaml
+from copied_sources import commands_on, copy_sources, edit, path_of, refusal, tailstack
+from service_scenes import ROOT, client_of
 
 TOY = '''"""How far apart the fiducials are."""
 
@@ -92,81 +92,83 @@ OPERATION = Operation(
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The service's sources with one module more, and one line more in the registry."""
-    line = '    "conversion": "convert",\n'
-    return copy_with_toy(
-        ROOT / "service" / "tailstack_service", tmp_path_factory.mktemp("service"), "operations/spacing.py", TOY,
-        "operations/registry.py", (line, line + '    "spacing": "spacing",\n'),
-    )  # fmt: skip
+    source = copy_sources(tmp_path_factory.mktemp("tailstack"), "service/tailstack_service")
+    operations, line = source / "tailstack_service" / "operations", '    "conversion": "convert",\n'
+    (operations / "spacing.py").write_text(TOY, encoding="utf-8")
+    edit(operations / "registry.py", (line, line + '    "spacing": "spacing",\n'))
+    return source
 
 
 @pytest.fixture(scope="module")
 def variables(source: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    path = os.pathsep.join([str(ROOT / "solver"), str(source)])
-    return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path)
+    return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
 
 
 @pytest.fixture(scope="module")
-def url(variables: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    own = {name: variables[name] for name in ("PYTHONPATH", "TAILSTACK_DATABASE")}
-    with served.served(tmp_path_factory.mktemp("serve"), **own) as service:
-        yield service.url
+def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    with commands_on(variables) as process:
+        yield process
 
 
 DESIGN = ROOT / "examples" / "demo.yaml"
 
 
-def tailstack(variables: dict[str, str], *arguments: str, folder: Path | None = None) -> str:
-    done = run_python(*COMMAND, *arguments, env=variables, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-@pytest.mark.long
-def test_it_is_a_verb_with_a_flag_for_each_option(variables: dict[str, str]) -> None:
-    assert "spacing how far apart the fiducials are" in " ".join(tailstack(variables, "--help").split())
-    helped = tailstack(variables, "spacing", "--help")
+def test_it_is_a_verb_with_a_flag_for_each_option(copy: subprocess.Popen[str], tmp_path: Path) -> None:
+    assert "spacing how far apart the fiducials are" in " ".join(tailstack(copy, tmp_path, "--help").split())
+    helped = tailstack(copy, tmp_path, "spacing", "--help")
     assert "--neighbours N" in helped
     assert "pairs that are listed, closest first (default 1)" in " ".join(helped.split())
-    assert "\nclosest: " in tailstack(variables, "spacing", str(DESIGN))
+    assert "\nclosest: " in tailstack(copy, tmp_path, "spacing", str(DESIGN))
+    wrong = refusal(copy, tmp_path, "spacing", str(DESIGN), "--neighbours", "51")
+    assert "argument --neighbours: expected 1 to 50; got 51" in wrong
 
 
-@pytest.mark.long
-def test_its_record_has_a_published_schema(variables: dict[str, str]) -> None:
-    record = json.loads(tailstack(variables, "spacing", str(DESIGN), "--neighbours", "3", "--json"))
-    schema = json.loads(tailstack(variables, "schema", "spacing"))
+def test_its_record_has_a_published_schema(copy: subprocess.Popen[str], tmp_path: Path) -> None:
+    record = json.loads(tailstack(copy, tmp_path, "spacing", str(DESIGN), "--neighbours", "3", "--json"))
+    schema = json.loads(tailstack(copy, tmp_path, "schema", "spacing"))
     jsonschema.validate(record, schema)
     assert len(record["distances_mm"]) == 3
     assert schema["properties"]["distances_mm"]["description"] == "Their distances, closest first, mm."
 
 
-@pytest.mark.long
-def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
-    document = json.loads(tailstack(variables, "openapi"))
+def test_its_route_is_in_the_document_with_each_option_in_body_and_query(
+    copy: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    document = json.loads(tailstack(copy, tmp_path, "openapi"))
     described = document["paths"]["/v1/spacings"]["post"]
     assert described["operationId"] == "create_spacing"
-    assert document["components"]["schemas"]["SpacingRequest"]["properties"]["neighbours"]["maximum"] == 50
+    option = document["components"]["schemas"]["SpacingRequest"]["properties"]["neighbours"]
+    assert (option["maximum"], option["default"]) == (50, 1)
+    assert option["description"] == "Pairs that are listed, closest first."
+    (parameter,) = (each for each in described["parameters"] if each.get("name") == "neighbours")
+    assert (parameter["in"], parameter["schema"]["maximum"]) == ("query", 50)
     assert "Spacing" in document["components"]["schemas"]
 
 
 @pytest.mark.long
-def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, variables: dict[str, str]) -> None:
-    here = tailstack(variables, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
-    yaml, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
-    with client_of(url) as client:
-        there = client.post("/v1/spacings", params={"neighbours": 2}, content=yaml, headers=header)
+def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(
+    variables: dict[str, str], copy: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    """The option comes by the query of a design in YAML, and in a body of JSON."""
+    here = tailstack(copy, tmp_path, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
+    text, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
+    own = {name: variables[name] for name in ("PYTHONPATH", "TAILSTACK_DATABASE")}
+    with served.served(tmp_path, **own) as service, client_of(service.url) as client:
+        there = client.post("/v1/spacings", params={"neighbours": 2}, content=text, headers=header)
         assert (there.status_code, there.text) == (200, here)
         (job,) = client.get("/v1/jobs", params={"kind": "spacing"}).json()["jobs"]
         assert job["state"] == "succeeded"
         page = client.get(job["links"]["report"])
         assert "The closest two fiducials are" in page.text
-        refused = client.post("/v1/spacings", params={"neighbours": 99}, content=yaml, headers=header)
+        body = {"design": yaml.safe_load(text), "neighbours": 3}
+        assert len(client.post("/v1/spacings", json=body, headers={"prefer": "wait=60"}).json()["distances_mm"]) == 3
+        refused = client.post("/v1/spacings", params={"neighbours": 99}, content=text, headers=header)
         assert refused.status_code == 422
         assert refused.json()["errors"][0]["pointer"] == "/neighbours"
 
 
-@pytest.mark.long
-def test_its_report_is_verified(variables: dict[str, str], tmp_path: Path) -> None:
-    (tmp_path / "spacing.json").write_text(tailstack(variables, "spacing", str(DESIGN), "--json"))
-    tailstack(variables, "report", "spacing.json", folder=tmp_path)
-    said = tailstack(variables, "report", "--verify", "spacing.html", str(DESIGN), folder=tmp_path)
+def test_its_report_is_verified(copy: subprocess.Popen[str], tmp_path: Path) -> None:
+    (tmp_path / "spacing.json").write_text(tailstack(copy, tmp_path, "spacing", str(DESIGN), "--json"))
+    tailstack(copy, tmp_path, "report", "spacing.json")
+    said = tailstack(copy, tmp_path, "report", "--verify", "spacing.html", str(DESIGN))
     assert said.endswith("verified\n")

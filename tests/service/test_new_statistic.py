@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from copied_sources import commands_on, copy_sources, path_of, refusal, tailstack
+from copied_sources import commands_on, copy_sources, edit, path_of, refusal, tailstack
 from gate_scenes import judge_files, of_rule, plain_record, waivers, write_document
 from service_scenes import ROOT
 
@@ -33,10 +33,7 @@ def asked(*requirements: dict[str, object]) -> dict[str, object]:
 @pytest.mark.long
 def test_a_row_is_met_everywhere(tmp_path: Path) -> None:
     source = copy_sources(tmp_path)
-    table = source / "tailstack" / "statistic.py"
-    text = table.read_text(encoding="utf-8")
-    assert text.count("STATISTICS = (\n") == 1
-    table.write_text(text.replace("STATISTICS = (\n", f"STATISTICS = (\n{ROW}"), encoding="utf-8")
+    edit(source / "tailstack" / "statistic.py", ("STATISTICS = (\n", f"STATISTICS = (\n{ROW}"))
     file = write_document(tmp_path / "design.yaml", asked({"statistic": "mean"}, {"statistic": "twice_mean"}))
     with commands_on(os.environ | {"PYTHONPATH": path_of(source)}) as copy:
         first = json.loads(tailstack(copy, tmp_path, "score", str(file), "--json"))["verdict"]["checks"]

@@ -6,9 +6,7 @@ import json
 import os
 import re
 import signal
-import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -211,20 +209,14 @@ def test_the_incumbent_never_gets_worse() -> None:
 # --- real processes -------------------------------------------------------------------------------
 
 
-@contextmanager
-def searching(directory: Path, progress: str) -> Iterator[subprocess.Popen[str]]:
+@pytest.mark.long
+def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     """A long search, as far as a progress line that says something."""
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
     variables = {**kept, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1"}
-    command = (*TAILSTACK, "optimise", DEMO, "--starts", "256", "-o", directory / "new.yaml")
+    command = (*TAILSTACK, "optimise", DEMO, "--starts", "256", "-o", tmp_path / "new.yaml")
     with started(*command, env=variables) as process:
-        read_until(progress, process.stderr)
-        yield process
-
-
-@pytest.mark.long
-def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
-    with searching(tmp_path, ", least cost so far ") as process:
+        read_until(", least cost so far ", process.stderr)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=LIMIT_SECONDS)
     assert process.returncode == 130
@@ -235,17 +227,3 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     new = load_design(tmp_path / "new.yaml")
     assert new.document.optimise is not None
     assert main(["score", str(tmp_path / "new.yaml")]) in (0, 4)
-
-
-@pytest.mark.long
-def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
-    with searching(tmp_path, "optimise: ") as process:
-        process.send_signal(signal.SIGINT)
-        read_until(STOPPING, process.stderr)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=LIMIT_SECONDS)
-    assert process.returncode == 130
-    assert out == ""
-    assert err.splitlines()[-1] == "tailstack: interrupted"
-    assert "Traceback" not in err
-    assert not list(tmp_path.iterdir())

@@ -4,7 +4,6 @@ result."""
 from __future__ import annotations
 
 import difflib
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -17,6 +16,7 @@ import pytest
 import yaml
 from optimisation_scenes import full_result
 from service_scenes import EXAMPLES
+from test_plain_words import met_in
 
 from plain_data import read_cases
 from tailstack.design import Revision, design_to_data, load_design, revise_design
@@ -24,6 +24,7 @@ from tailstack.optimisation import optimise
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
 from tailstack_service.operations.optimisation import OPERATION
+from tailstack_service.schemas import read_record
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
 
@@ -67,16 +68,21 @@ def lines_that_differ(before: str, after: str) -> list[str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", WITH_FREEDOM, ids=lambda path: path.stem)
-def test_an_existing_file_keeps_everything_but_the_numbers_that_were_asked_for(
+def test_an_existing_file_keeps_everything_but_the_numbers_that_were_asked_for_and_the_answer_is_plain(
     call: Any, room: Path, path: Path
 ) -> None:
-    """The optimiser's own answer, in each example."""
+    """The optimiser's own answer, in each example; what a terminal shows of it is read off its record."""
     new = room / path.name  # the design itself
     before = new.read_text(encoding="utf-8")
     code, out, _ = call("optimise", new, "-o", new, "--starts", "1", "--json")
     assert code in (0, 1, 4)
     after = new.read_text(encoding="utf-8")
-    assert load_design(new).sha256 == json.loads(out)["provenance"]["design_sha256"]
+    record = read_record("optimisation", out.encode())
+    assert load_design(new).sha256 == record.provenance.design_sha256
+    text = OPERATION.write(record)
+    assert met_in(text) == []
+    assert "how sure" in text.lower()
+    assert max(map(len, text.splitlines())) <= 80
     numbers = r"position_mm|half_width|pivot_mm"
     differing = lines_that_differ(before, after)
     assert differing

@@ -15,9 +15,8 @@ from service_scenes import write_json
 from work_driver import run_job
 
 from optimise_documents import document, moving, optimised
-from tailstack import load_design, optimise, verify
+from tailstack import load_design, verify
 from tailstack.design import design_to_data
-from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 
 
@@ -31,12 +30,11 @@ def near_views() -> dict[str, Any]:
 
 
 @pytest.mark.long
-def test_the_command_writes_the_aimed_view_and_says_what_that_rests_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_the_aimed_view_and_says_what_that_rests_on(tmp_path: Path, call: Any) -> None:
     file, new = write_json(tmp_path / "design.json", near_views()), tmp_path / "new.json"
-    assert main(["optimise", str(file), "-o", str(new)]) == 0
-    text = " ".join(capsys.readouterr().out.split())
+    code, out, _ = call("optimise", file, "-o", new)
+    assert code == 0
+    text = " ".join(out.split())
     assert "views: LAT is turned by" in text
     assert "it is not proven that there is no better one" in text
     expected = optimised(near_views())
@@ -44,12 +42,15 @@ def test_the_command_writes_the_aimed_view_and_says_what_that_rests_on(
     assert json.loads(new.read_text())["views"][1]["beam_direction"] == expected.design["views"][1]["beam_direction"]  # type: ignore[index]
 
 
-def test_the_report_lists_how_views_are_aimed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = tmp_path / "result.json"
-    result.write_bytes(to_json(optimised(near_views())))
-    assert main(["report", str(result), "--format", "html", "-o", str(tmp_path / "report")]) == 0
-    capsys.readouterr()
-    page = next((tmp_path / "report").glob("*.html")).read_text(encoding="utf-8")
+def page_of(call: Any, folder: Path, answer: bytes, code: int = 0) -> str:
+    """The page that the command makes of a record."""
+    (folder / "result.json").write_bytes(answer)
+    assert call("report", folder / "result.json", "--format", "html", "-o", folder / "report")[0] == code
+    return (folder / "report" / "result.html").read_text(encoding="utf-8")
+
+
+def test_the_report_lists_how_views_are_aimed(tmp_path: Path, call: Any) -> None:
+    page = page_of(call, tmp_path, to_json(optimised(near_views())))
     assert "Views that could be aimed" in page
     assert "not proven" in page
 
@@ -105,58 +106,41 @@ def write_authors_text(folder: Path, price: float = 30) -> Path:
 
 
 @pytest.mark.long
-def test_a_view_that_pays_comes_into_the_authors_own_text_and_is_accounted_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_view_that_pays_comes_into_the_authors_own_text_into_a_job_and_into_a_report(
+    tmp_path: Path, call: Any
 ) -> None:
     file, new = write_authors_text(tmp_path), tmp_path / "new.yaml"
-    assert main(["optimise", str(file), "-o", str(new)]) == 0
-    captured = capsys.readouterr()
-    text = " ".join(captured.out.split())
+    code, out, err = call("optimise", file, "-o", new)
+    assert code == 0
+    text = " ".join(out.split())
     assert "a view more: OBL is added: with it the design costs" in text
     assert "+ 30.00 (view OBL) =" in text
     assert "OBL is" in text
-    assert "without its comments" not in captured.err
+    assert "without its comments" not in err
     written = new.read_text()
     for comment in ("# my guide", "# from the front", "# the table is in the way", "# what a third shot costs"):
         assert comment in written
-    found = optimise(load_design(file))
-    assert load_design(new).sha256 == found.provenance.design_sha256
+    outcome, units = run_job("optimisation", {"design": design_to_data(load_design(file))}, twice=False)
+    assert len(units) == 1
+    assert load_design(new).sha256 == json.loads(outcome.answer or b"")["provenance"]["design_sha256"]
     assert [view.name for view in load_design(new).document.views] == ["AP", "LAT", "OBL"]
-    assert main(["verify", str(new), "--trials", "4096"]) in (0, 4)
+    content = page_of(call, tmp_path, outcome.answer or b"")
+    assert "The view that could be added" in content
+    assert "OBL is added: with it the design costs" in content
+    assert "OBL" in content.partition("<svg")[2].partition("</svg>")[0]
+    assert call("report", "--verify", tmp_path / "report" / "result.html")[1].endswith("verified\n")
 
 
 @pytest.mark.long
-def test_a_view_that_does_not_pay_leaves_its_entry_for_another_price(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_view_that_does_not_pay_leaves_its_entry_for_another_price(tmp_path: Path, call: Any) -> None:
     file, new = write_authors_text(tmp_path, price=5000), tmp_path / "new.yaml"
-    assert main(["optimise", str(file), "-o", str(new)]) == 0
-    text = " ".join(capsys.readouterr().out.split())
+    code, out, _ = call("optimise", file, "-o", new)
+    assert code == 0
+    text = " ".join(out.split())
     assert "a view more: OBL is left out: with it the design costs" in text
     assert "(view OBL)" not in text
     assert "{ add: OBL, like: AP, cone_deg: 60, price: 5000 }    # what a third shot costs" in new.read_text()
     assert [view.name for view in load_design(new).document.views] == ["AP", "LAT"]
-
-
-@pytest.mark.long
-def test_a_job_and_a_report_with_a_view_more_say_what_the_library_does(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    design = load_design(write_authors_text(tmp_path))
-    expected = optimise(design)
-    outcome, units = run_job("optimisation", {"design": design_to_data(design)}, twice=False)
-    assert len(units) == 1
-    assert outcome.answer == to_json(expected)
-    result = tmp_path / "result.json"
-    result.write_bytes(to_json(expected))
-    assert main(["report", str(result), "--format", "html", "-o", str(tmp_path / "report")]) == 0
-    page = next((tmp_path / "report").glob("*.html"))
-    content = page.read_text(encoding="utf-8")
-    assert "The view that could be added" in content
-    assert "OBL is added: with it the design costs" in content
-    assert "OBL" in content.partition("<svg")[2].partition("</svg>")[0]
-    assert main(["report", "--verify", str(page)]) == 0
-    assert "verified" in capsys.readouterr().out
 
 
 # --- requirements that were not asked for ---------------------------------------------------------
@@ -171,11 +155,6 @@ def leaving_out(limit_mm: float, **more: Any) -> dict[str, Any]:
     return data
 
 
-def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    code = main(list(arguments))
-    return code, capsys.readouterr().out
-
-
 @pytest.mark.long(but=["fails"])
 @pytest.mark.parametrize(
     ("limit_mm", "more", "status", "code"),
@@ -188,12 +167,12 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
     ids=["fails", "fails on units", "passes", "open"],
 )
 def test_what_was_not_asked_for_decides_as_well(
-    limit_mm: float, more: dict[str, Any], status: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    limit_mm: float, more: dict[str, Any], status: str, code: int, tmp_path: Path, call: Any
 ) -> None:
     """independent: ``verify`` of the new design, with another seed."""
     file = write_json(tmp_path / "design.json", leaving_out(limit_mm, **more))
     new = tmp_path / "new.json"
-    left, text = call(capsys, "optimise", str(file), "-o", str(new))
+    left, text, _ = call("optimise", file, "-o", new)
     assert left == code
     assert f"verdict: {status}" in text
     assert f"Not asked for, and judged all the same: display ({status})." in " ".join(text.split())
@@ -202,18 +181,14 @@ def test_what_was_not_asked_for_decides_as_well(
     assert {check.requirement: check.status for check in checked.checks} == {"accuracy": "pass", "display": status}
 
 
-def test_result_and_report_say_what_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_result_and_report_say_what_fails(tmp_path: Path, call: Any) -> None:
     outcome, _ = run_job("optimisation", {"design": leaving_out(0.3)}, twice=False)
     result = json.loads(outcome.answer or b"")
     assert (result["verdict_status"], result["not_asked"]) == ("fail", ["display"])
     verdict = result["certificate"]["verification"]["verdict"]
     assert verdict["status"] == "fail"
     assert {c["requirement"]: c["status"] for c in verdict["checks"]} == {"accuracy": "pass", "display": "fail"}
-    record = tmp_path / "result.json"
-    record.write_bytes(outcome.answer or b"")
-    code, _ = call(capsys, "report", str(record), "--format", "html", "-o", str(tmp_path / "out"))
-    assert code == 1
-    page = next((tmp_path / "out").glob("*.html")).read_text(encoding="utf-8")
+    page = page_of(call, tmp_path, outcome.answer or b"", 1)
     first = page[page.index("<main") : page.index("<nav")]
     assert '<div class="verdict fail"><p class="badge">fail</p>' in first
     assert "verified" not in first
@@ -227,10 +202,8 @@ def test_result_and_report_say_what_fails(tmp_path: Path, capsys: pytest.Capture
 
 
 @pytest.mark.long
-def test_a_report_with_an_optimisation_does_not_praise_a_design_that_fails(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_with_an_optimisation_does_not_praise_a_design_that_fails(tmp_path: Path, call: Any) -> None:
     file = write_json(tmp_path / "design.json", leaving_out(0.3))
-    call(capsys, "report", str(file), "--parts", "score,optimisation", "--format", "html", "-o", str(tmp_path / "out"))
-    page = next((tmp_path / "out").glob("*.html")).read_text(encoding="utf-8")
+    call("report", file, "--parts", "score,optimisation", "-o", tmp_path / "out.html")
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert "does not keep display, which it was not asked to" in page

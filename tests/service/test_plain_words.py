@@ -19,7 +19,6 @@ from service_scenes import EXAMPLES, ROOT
 
 from family import TAILSTACK, started
 from plain_data import read_cases
-from tailstack.design import load_design
 from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
 from tailstack_service.cli.words import FIRST, read_glossary
@@ -30,7 +29,6 @@ from waiting import LIMIT_SECONDS
 # What must not be met without --details, and where it went.
 BANNED = dict(read_cases("words", "banned"))
 DESIGNS = sorted(EXAMPLES.glob("*.yaml"))
-WITH_OPTIMISE = [path for path in DESIGNS if load_design(path).document.optimise is not None]
 BENCHES = sorted((EXAMPLES / "measurements").glob("bench_*.csv"))
 DEMO = str(EXAMPLES / "demo.yaml")
 HALF_WIDTH = "interfaces.structure_connector.tolerances.rx.half_width_deg=0.05,0.2"
@@ -62,14 +60,6 @@ def printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 def test_a_score_a_check_and_a_validation_are_plain(printed: Any, path: Path) -> None:
     for arguments in (("score", str(path)), ("verify", str(path), "--trials", "20000"), ("validate", str(path))):
         assert met_in(printed(*arguments)) == [], arguments
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("path", WITH_OPTIMISE, ids=lambda path: path.stem)
-def test_an_optimisation_is_plain(printed: Any, path: Path) -> None:
-    text = printed("optimise", str(path), "--starts", "1")
-    assert met_in(text) == []
-    assert "How sure" in text or "how sure" in text
 
 
 def test_a_sweep_and_a_gate_are_plain(printed: Any) -> None:

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_scenes import limited, small_design
+from service_scenes import limited, small_design, write_json
 
 from tailstack import TailstackError, load_design, optimise, score, verify
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.audit import Audit, Effort, audit
-from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import FORMATS, document_of, render
 from tailstack_service.report.assembling import ReportContents, compute_report
@@ -40,6 +39,12 @@ def body() -> bytes:
 @pytest.fixture(scope="module")
 def files(body: bytes) -> dict[str, bytes]:
     return {form: render("report", body, form) for form in FORMATS}
+
+
+@pytest.fixture(scope="module")
+def summary(body: bytes) -> bytes:
+    """The first page as PDF, by the writer of all pages."""
+    return render("report", body, "pdf", summary=True)
 
 
 def answers(found: Audit) -> dict[str, str]:
@@ -144,7 +149,7 @@ def per_unit() -> bytes:
     ],
 )  # fmt: skip
 def test_a_record_that_asks_for_too_much_is_refused_at_once(
-    body: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    body: bytes, tmp_path: Path, call: Any, monkeypatch: pytest.MonkeyPatch,
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
@@ -166,20 +171,18 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
         "optimisation": optimised,
     }[made]()
     (tmp_path / "forged.json").write_bytes(changed(honest, lambda data: update(data, change)))
-    (tmp_path / "design.json").write_text(json.dumps(DESIGN), encoding="utf-8")
-    given = [str(tmp_path / "design.json")] if made in ("verification", "sweep") else []
+    given = [write_json(tmp_path / "design.json", DESIGN)] if made in ("verification", "sweep") else []
     monkeypatch.setattr(audit_module, "_number_questions", lambda *_, **__: pytest.fail("computed"))
-    command = ["report", "--verify", str(tmp_path / "forged.json"), *given]
-    assert main(command) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert words in said
-    assert f"add {enough[0]} {enough[1]}, or --fast" in said
+    command = ["report", "--verify", tmp_path / "forged.json", *given]
+    code, _, said = call(*command)
+    assert (code, words in " ".join(said.split())) == (2, True)
+    assert f"add {enough[0]} {enough[1]}, or --fast" in " ".join(said.split())
     asked = []
     monkeypatch.setattr(audit_module, "_number_questions", lambda *_, **__: asked.append(1) or [])
-    assert main([*command, enough[0], str(enough[1] - 1)]) == 2
+    assert call(*command, enough[0], str(enough[1] - 1))[0] == 2
     assert not asked
-    assert main([*command, enough[0], str(enough[1])]) == 0
-    assert main([*command, "--fast"]) == 0
+    assert call(*command, enough[0], str(enough[1]))[0] == 0
+    assert call(*command, "--fast")[0] == 0
     assert len(asked) == 2
 
 
@@ -311,9 +314,8 @@ def test_the_part_of_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
     assert re.search(r"xl/sharedStrings.xml: the file has '.*No design ", details(audit(shared, "x", fast=True)))
 
 
-@pytest.mark.long
-def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
-    content = files["pdf"]
+def test_a_changed_page_of_a_pdf_is_found(summary: bytes) -> None:
+    content = summary
     streams = list(re.finditer(rb"/Length (\d+)>>\nstream\n", content))
     for found in streams:
         packed = content[found.end() : found.end() + int(found.group(1))]
@@ -332,9 +334,9 @@ def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
 
 
 @pytest.mark.long
-def test_a_pdf_that_was_changed_between_its_streams_is_found(files: dict[str, bytes]) -> None:
+def test_a_pdf_that_was_changed_between_its_streams_is_found(summary: bytes) -> None:
     """A drawing of the same length that is clipped away, and a table of places that was changed."""
-    content = files["pdf"]
+    content = summary
     box = re.search(rb"/BBox \[[^\]]*\]", content)
     assert box is not None
     clipped = content[: box.start()] + re.sub(rb"[1-9]", b"0", box.group()) + content[box.end() :]
@@ -395,30 +397,20 @@ def test_charts_of_another_matplotlib_are_not_compared(files: dict[str, bytes]) 
 # --- the command ----------------------------------------------------------------------------------
 
 
-def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    code = main(["report", *arguments])
-    said = capsys.readouterr()
-    return code, said.out, said.err
-
-
 @pytest.mark.long
-def test_exit_codes(body: bytes, files: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exit_codes(files: dict[str, bytes], tmp_path: Path, call: Any, refused: Any) -> None:
     page = tmp_path / "a.html"
     page.write_bytes(files["html"])
-    code, out, _ = run(["--verify", "--fast", str(page)], capsys)
+    code, out, _ = call("report", "--verify", "--fast", str(page))
     assert code == 0
     assert out.splitlines()[0].startswith(f"{page}: eight beads")
     assert out.splitlines()[-1] == "verified"
     page.write_bytes(files["html"].replace(b"<li>", b"<li> ", 1))
-    code, out, _ = run(["--verify", "--fast", str(page)], capsys)
+    code, out, _ = call("report", "--verify", "--fast", str(page))
     assert code == 1
     assert out.splitlines()[-1] == "differs"
-    code, _, err = run(["--verify", "--fast", "--seed", "3", str(page)], capsys)
-    assert code == 2
-    assert "--seed" in err
-    code, _, err = run(["--verify", str(tmp_path / "absent.html")], capsys)
-    assert code == 2
-    assert "no such file" in err
+    assert "--seed" in refused("report", "--verify", "--fast", "--seed", "3", page)
+    assert "no such file" in refused("report", "--verify", tmp_path / "absent.html")
 
 
 @pytest.mark.parametrize(
@@ -435,15 +427,12 @@ def test_exit_codes(body: bytes, files: dict[str, bytes], tmp_path: Path, capsys
         ("a.json", b"\xff\xfe\x00", "not"),
     ],
 )
-def test_what_is_no_report_is_refused(
-    name: str, content: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_report_is_refused(name: str, content: bytes, words: str, tmp_path: Path, refused: Any) -> None:
     path = tmp_path / name
     path.write_bytes(content)
-    code, out, err = run(["--verify", str(path)], capsys)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert str(path) in err
+    said = refused("report", "--verify", path)
+    assert words in said
+    assert str(path) in said
 
 
 @pytest.mark.parametrize(
@@ -459,59 +448,35 @@ def test_what_is_no_report_is_refused(
     ],
 )
 def test_a_malformed_result_is_refused_with_its_line(
-    change: Callable[[Any], None], words: str, body: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    change: Callable[[Any], None], words: str, body: bytes, tmp_path: Path, refused: Any
 ) -> None:
     data = json.loads(body)
     change(data)
     path = tmp_path / "result.json"
     path.write_text(json.dumps(data, indent=1), encoding="utf-8")
-    for arguments in ([str(path), "-o", str(tmp_path)], ["--verify", str(path)]):
-        code, out, err = run(arguments, capsys)
-        assert (code, out) == (2, "")
-        assert words in err
-        assert re.search(rf"{re.escape(str(path))}:\d+:\d+: ", err), err
+    for arguments in ((path, "-o", tmp_path), ("--verify", path)):
+        said = refused("report", *arguments)
+        assert words in said
+        assert re.search(rf"{re.escape(str(path))}:\d+:\d+: ", said), said
 
 
-def test_a_result_without_its_design_asks_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    design = load_design(DESIGN)
-    path, right, wrong = tmp_path / "score.json", tmp_path / "right.json", tmp_path / "wrong.json"
-    path.write_bytes(to_json(score(design)))
-    right.write_text(json.dumps(DESIGN), encoding="utf-8")
-    wrong.write_text(json.dumps(limited(0.9, name="another")), encoding="utf-8")
-    assert run(["--verify", str(path), str(right)], capsys)[0] == 0
-    code, _, err = run(["--verify", str(path)], capsys)
-    assert code == 2
-    assert "FILE DESIGN" in err
-    code, _, err = run(["--verify", str(path), str(wrong)], capsys)
-    assert code == 2
-    assert "another design" in err
-    code, _, err = run([str(path), str(right), "-o", str(tmp_path)], capsys)
-    assert code == 2
-    assert "does not hold the design" in err
-
-
-@pytest.mark.long
-def test_two_designs_are_compared_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, limit in (("old", 0.9), ("new", 0.1)):
-        (tmp_path / f"{name}.json").write_text(json.dumps(limited(limit)), encoding="utf-8")
-    out = tmp_path / "out"
-    pair = [str(tmp_path / f"{name}.json") for name in ("old", "new")]
-    code, said, _ = run([*pair, "--trials", "4000", "--format", "html,json", "-o", str(out)], capsys)
-    assert code == 1  # the verdict on the second
-    assert said.splitlines() == [str(out / "old-new.html"), str(out / "old-new.report.json")]
-    assert run(["--verify", "--fast", str(out / "old-new.html")], capsys)[0] == 0
-    code, said, _ = run([str(out / "old-new.report.json"), "--format", "xlsx", "-o", str(out)], capsys)
-    assert code == 1
-    assert run([*pair, pair[0]], capsys)[0] == 2
+def test_a_result_without_its_design_asks_for_it(tmp_path: Path, call: Any, refused: Any) -> None:
+    path, right = tmp_path / "score.json", write_json(tmp_path / "right.json", DESIGN)
+    path.write_bytes(to_json(score(load_design(DESIGN))))
+    wrong = write_json(tmp_path / "wrong.json", limited(0.9, name="another"))
+    assert call("report", "--verify", path, right)[0] == 0
+    assert "FILE DESIGN" in refused("report", "--verify", path)
+    assert "another design" in refused("report", "--verify", path, wrong)
+    assert "does not hold the design" in refused("report", path, right, "-o", tmp_path)
 
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_a_report_in_any_format_is_rendered_again(
-    files: dict[str, bytes], form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    files: dict[str, bytes], form: str, tmp_path: Path, call: Any
 ) -> None:
     path = tmp_path / f"old.{form}"
     path.write_bytes(files[form])
-    code, _, _ = run([str(path), "--format", "html,json", "-o", str(tmp_path / "out")], capsys)
+    code, _, _ = call("report", str(path), "--format", "html,json", "-o", str(tmp_path / "out"))
     assert code == 0
     assert (tmp_path / "out" / "old.html").read_bytes() == files["html"]
     assert (tmp_path / "out" / "old.report.json").read_bytes() == files["json"]

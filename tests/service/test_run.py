@@ -78,7 +78,7 @@ class Clone:
         return (self.folder / "calls").read_text().splitlines()
 
 
-def test_each_stage_is_one_line_and_the_installer_is_silent(tmp_path: Path) -> None:
+def test_each_stage_is_one_line_the_installer_is_silent_and_kernels_are_compiled_meanwhile(tmp_path: Path) -> None:
     clone = Clone(tmp_path)
     done = clone.run("demo")
     assert done.stdout == "the demo\n"
@@ -93,11 +93,6 @@ def test_each_stage_is_one_line_and_the_installer_is_silent(tmp_path: Path) -> N
     locks = [call for call in clone.calls() if "requirements-" in call]
     assert len(locks) == 2
     assert all("--require-hashes" in call for call in locks)
-
-
-def test_kernels_of_the_demo_are_compiled_while_the_rest_is_installed(tmp_path: Path) -> None:
-    clone = Clone(tmp_path)
-    clone.run("demo")
     calls = [call.split(str(tmp_path))[-1] if "requirements" in call else call for call in clone.calls()]
     core, compiling = calls.index("/requirements-core.lock"), [i for i, call in enumerate(calls) if "warm-up" in call]
     assert compiling

@@ -64,7 +64,7 @@ def test_a_command_makes_the_parser_of_its_verb_only() -> None:
             ("gate", str(EXAMPLES / "demo.yaml"), "--mode=analytic",
              *(f"--format={name}=/dev/null" for name in FORMATS)),
             ("casadi", "cvxpy", "fastapi", "starlette", "jinja2", "sqlalchemy", "weasyprint", "xlsxwriter",
-             "scipy.stats", "distributed", "httpx", "jsonschema"),
+             "scipy.stats", "distributed", "httpx", "jsonschema", "matplotlib"),
         ),
         (
             ("sweep", str(EXAMPLES / "demo.yaml"), "--set", "views.AP.fiducial_noise_px=0.1,0.4"),

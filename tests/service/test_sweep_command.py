@@ -64,11 +64,6 @@ def test_the_table_holds_every_point_and_why_some_were_refused(capsys: pytest.Ca
     assert "refused: points 3, 4: " in unwrapped
 
 
-def test_nothing_evaluated_is_not_a_success(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sweep", DEMO, "--set", f"{RZ}=-1,-2"]) == 3
-    assert "refused" in capsys.readouterr().out
-
-
 def test_the_report_of_a_sweep_without_an_answer_is_no_success(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -14,7 +14,6 @@ import signal
 import zipfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import generate
 import pytest
@@ -155,17 +154,6 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
 
 
 @pytest.mark.long
-def test_a_verification_asks_for_what_the_operator_allows(tmp_path: Path, browser: None) -> None:
-    with served(tmp_path, TAILSTACK_MAX_TRIALS="50000") as running:
-        assert ask("GET", f"{running.url}/version").json()["max_trials"] == 50_000
-        found = used(running.url, "verify")
-        (job,) = ask("GET", f"{running.url}/v1/jobs").json()["jobs"]
-        made = ask("GET", f"{running.url}{job['links']['result']}").json()
-    assert made["verification"]["trials"] == made["verification"]["max_trials"] == 50_000
-    assert "50,000 simulated shots" in found["words"]
-
-
-@pytest.mark.long
 def test_a_key_is_asked_for_and_kept_in_memory_only(tmp_path: Path, browser: None) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as running:
         key = running.run("keys", "create", "--tenant", "acme", "--name", "page").strip()
@@ -256,33 +244,6 @@ def test_a_view_that_pays_is_said_and_is_in_the_design_that_is_taken(service: Se
     assert expected.view_offer.added
     assert expected.view_offer.sentence in found["words"]
     assert found["taken"] == expected.provenance.design_sha256
-
-
-@pytest.mark.long
-def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) -> None:
-    points = [(f"B{k}", 20 * k - 50, (-1) ** k * 25, 7 * k - 60) for k in range(7)]
-    markups = [{"label": label, "position": at} for label, *at in points]
-    files = [
-        ("beads.csv", "label,x_mm,y_mm,z_mm\n" + "".join(f"{p[0]},{p[1]},{p[2]},{p[3]}\n" for p in points[:6])),
-        ("beads.mrk.json", json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": markups}]})),
-        ("beads.csv", "label,x\nF1,2\n"),
-    ]
-    dropped = used(service.url, "drop", files=[{"name": name, "text": text} for name, text in files])["found"]
-    assert [len(after["labels"]) for after in dropped] == [6, 7, 7]
-    assert dropped[1]["labels"] == [label for label, *_ in points]
-    assert "unit" in dropped[2]["words"]  # why it was not taken
-
-
-@pytest.mark.long
-def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(service: Served) -> None:
-    """Eight balls; the labels are the names that its bodies have."""
-    step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
-    files = [{"name": "carrier.step", "text": step}]
-    wanted: tuple[dict[str, Any], ...] = ({"empty": True}, {})
-    for more in wanted:
-        (dropped,) = used(service.url, "drop", files=files, **more)["found"]
-        assert dropped["labels"] == [f"BEAD{k}" for k in range(1, 9)]
-        assert "8 fiducials of carrier.step" in dropped["words"]
 
 
 @pytest.mark.long
@@ -444,8 +405,23 @@ def test_the_built_files_came_of_the_sources_as_they_stand() -> None:
     assert found == written, "build the page again: docs/workbench.md"
 
 
+MIXING = """
+import { compare, type Reading, shown } from "./readings";
+declare const estimate: Reading<"estimate">, simulation: Reading<"simulation">;
+compare(estimate, estimate);
+// @ts-expect-error of two kinds
+compare(estimate, simulation);
+// @ts-expect-error of either kind
+compare(shown.value!, estimate);
+// @ts-expect-error one kind is not the other
+export const taken: Reading<"estimate"> = simulation;
+"""
+
+
 @pytest.mark.long
-def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
+def test_the_built_files_are_those_of_the_sources_and_what_mixes_two_kinds_does_not_compile(tmp_path: Path) -> None:
+    """The compiler refuses what it is told to expect as an error and does not find; a module that no page imports is in
+    no bundle."""
     modules = pinned_tools(SOURCES).parent
     work = tmp_path / "service" / "workbench"
     shutil.copytree(SOURCES, work, ignore=shutil.ignore_patterns("node_modules"))
@@ -453,6 +429,7 @@ def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
         ROOT / "service/tailstack_service/report/templates", tmp_path / "service/tailstack_service/report/templates"
     )
     generate.make_typescript(tmp_path / "openapi/typescript")
+    (work / "src" / "mixing.ts").write_text(MIXING, encoding="utf-8")
     (work / "node_modules").symlink_to(modules)
     for command in (["tsc", "--noEmit"], ["vite", "build", "--logLevel", "warn"]):
         done = run_process(modules / ".bin" / command[0], *command[1:], cwd=work, timeout=3 * LIMIT_SECONDS)

@@ -48,6 +48,7 @@ def test_under_verified_by_simulation_stands_nothing_of_an_estimate_that_it_refu
     found = found_by(service, "refuted", without("optimise", fiducials=fiducials))
     (job,) = ask("GET", f"{service.url}/v1/jobs?limit=1").json()["jobs"]
     check = ask("GET", f"{service.url}{job['links']['result']}").json()["verification"]
+    assert check["trials"] == check["max_trials"] == SHOTS  # what the operator allows
     target = check["targets"][0]
     shown = {
         name: float(words.split()[0]) for name, words in found["numbers"].items() if name not in ("Limit", "Between")
@@ -224,10 +225,3 @@ def test_reports_are_found_below_a_path_and_are_named_after_their_design(
         status, media, disposition = found["status"]
         assert (status, media) == (200, "text/html; charset=utf-8")
         assert f'filename="{named}"' in disposition
-
-
-def test_the_estimate_of_the_demo_is_what_the_advice_is_reckoned_from() -> None:
-    data = yaml.safe_load(DEMO)
-    for axis in ("rx", "ry"):
-        data["interfaces"]["connector_flange"]["tolerances"][axis]["half_width_deg"] = 0.15
-    assert f"{score(load_design(data)).verdict.checks[0].value:.2f}" == "0.98"

@@ -9,21 +9,16 @@ from __future__ import annotations
 import copy
 import json
 import re
-import shutil
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-import generate
 import jsonschema
 import pytest
 import yaml
-from openapi_scenes import pinned_tools
-from page_in_node import SOURCES, in_node
-from service_scenes import EXAMPLES, ROOT
+from page_in_node import in_node
+from service_scenes import EXAMPLES
 
-from family import run_process
 from tailstack import load_design, score
 from tailstack.design import DEFAULT_LIMITS
 from tailstack.design.fiducial_files import read_fiducials
@@ -208,35 +203,6 @@ def test_no_line_mixes_an_estimate_with_a_simulation() -> None:
 def test_no_line_of_any_design_mixes_an_estimate_with_a_simulation() -> None:
     assert len(NAMES) == 23
     look_at(NAMES)
-
-
-MIXING = """
-import { compare, type Reading, shown } from "./readings";
-declare const estimate: Reading<"estimate">, simulation: Reading<"simulation">;
-compare(estimate, estimate);
-// @ts-expect-error of two kinds
-compare(estimate, simulation);
-// @ts-expect-error of either kind
-compare(shown.value!, estimate);
-// @ts-expect-error one kind is not the other
-export const taken: Reading<"estimate"> = simulation;
-"""
-
-
-@pytest.mark.long
-def test_what_mixes_two_kinds_does_not_compile(tmp_path: Path) -> None:
-    """The compiler refuses what it is told to expect as an error and does not find."""
-    modules = pinned_tools(SOURCES).parent
-    work = tmp_path / "service" / "workbench"
-    shutil.copytree(SOURCES / "src", work / "src")
-    shutil.copy(SOURCES / "tsconfig.json", work)
-    (work / "src" / "mixing.ts").write_text(MIXING, encoding="utf-8")
-    (work / "node_modules").symlink_to(modules)
-    templates = "service/tailstack_service/report/templates"
-    shutil.copytree(ROOT / templates, tmp_path / templates)
-    generate.make_typescript(tmp_path / "openapi/typescript")
-    done = run_process(modules / ".bin" / "tsc", "--noEmit", cwd=work)
-    assert done.returncode == 0, done.stdout
 
 
 # --- links, lists, tables, steps -------------------------------------------------------------------------------------

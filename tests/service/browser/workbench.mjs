@@ -328,15 +328,6 @@ scenarios.jobs = async () => {
   return { words, links, sha: await sha(page) };
 };
 
-// A verification by the button, to its end
-scenarios.verify = async () => {
-  const context = await newContext(), page = await begun(context);
-  await part(page, "Run");
-  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
-  await page.locator(".run[data-kind=report][data-state=succeeded] .histogram").waitFor();
-  return { words: await page.locator(".run[data-kind=report]").innerText() };
-};
-
 // What is copied, as it is copied
 scenarios.copy = async () => {
   const context = await newContext(), page = await begun(context), found = {};
