@@ -98,8 +98,7 @@ def test_sigma_is_that_of_simulated_discs(case: int, run_seed: int) -> None:
 
 @pytest.mark.long
 @pytest.mark.hostile
-@pytest.mark.parametrize("diameter", [1.0, 2.0, 3.0, 5.0])
-@pytest.mark.parametrize("spot", [0.0, 0.6, 1.8])
+@pytest.mark.parametrize(("diameter", "spot"), [(1.0, 1.8), (2.0, 0.0), (3.0, 0.6), (5.0, 1.8)])
 def test_sigma_is_that_of_ten_thousand_images_a_point(diameter: float, spot: float, run_seed: int) -> None:
     """Within 5 %, over contrast and dose; a standard deviation of 20,000 coordinates errs by 0.5 %."""
     rng = np.random.default_rng([int(diameter), int(10 * spot), run_seed])

@@ -56,13 +56,12 @@ def test_poses_without_noise_give_the_tool_that_made_them() -> None:
 
 @pytest.mark.long
 @pytest.mark.hostile
-@pytest.mark.parametrize("count", [8, 20])
-def test_of_many_calibrations_95_in_100_lie_in_their_ellipsoid(count: int, run_seed: int) -> None:
+def test_of_many_calibrations_95_in_100_lie_in_their_ellipsoid(run_seed: int) -> None:
     """sampled: 5,000 sets of poses, 94 to 96 % of which are within; a share of exactly 95 % misses that in 1 of 850,
     and the mean of their squared distances, 6 for the covariance that is stated, by a tenth in next to none."""
-    rng, distances = np.random.default_rng([61, count, run_seed]), []
+    rng, distances = np.random.default_rng([61, 8, run_seed]), []
     for _ in range(5000):
-        fit = fit_hand_eye(*draw_poses(rng, count, 0.1, 0.15))
+        fit = fit_hand_eye(*draw_poses(rng, 8, 0.1, 0.15))
         off = missed(fit.tool_in_flange)
         distances.append(off @ np.linalg.solve(fit.covariance, off))
     assert 0.94 < np.mean(np.array(distances) < chi2.ppf(0.95, 6)) < 0.96
