@@ -39,6 +39,7 @@ from ..design import Design
 from ..design.loading import locate_refusals
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
+from ..laws import LAWS
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most, number
 from ..system import Law
@@ -78,7 +79,7 @@ ON_LIMIT, LEAST_CHANCE = 0.01, 1e-9  # relative, of half-widths; of a probabilit
 CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-6  # absolute, of a probability, and of a slope of its logarithm
 CERTAIN = 1e-6  # what a probability lacks to 1, of a limit that charges nothing
 ROUNDING = 1e-9  # relative, of the bound
-FORM = {Law.NORMAL: (2, 1), Law.UNIFORM: (1, 1), Law.TRIANGULAR: (1, 2)}  # (m, n)
+FORM = {Law.NORMAL: (2, 1)} | {law: (1, 2 if row.parts[1] else 1) for law, row in LAWS.items() if row.parts}  # (m, n)
 
 
 class Allowed(NamedTuple):
