@@ -311,14 +311,26 @@ def test_a_design_that_nobody_judges_any_more_is_missed(tmp_path: Path) -> None:
 
 def test_a_class_that_weakens_or_takes_a_limit_away_is_a_finding() -> None:
     classes = [
-        {"name": "weak", "files": ["w*"], "rules": {"p95": {"severity": "warning"}, "cvar": {"limit_mm": None}}},
+        {
+            "name": "weak",
+            "files": ["w*"],
+            "rules": {
+                "p95": {"severity": "warning"},
+                "cvar": {"limit_mm": None},
+                "survives-loss": {"lost": None},
+                "reliability": {"max_effect_mm": None},
+            },
+        },
         {"name": "nobody", "files": ["x*"], "rules": {"p95": {"severity": "off"}}},
     ]
-    rules = policy({"cvar": {"limit_mm": 9.0}}, classes=classes)
+    limits = {"cvar": {"limit_mm": 9.0}, "survives-loss": {"lost": 1}, "reliability": {"max_effect_mm": 9.0}}
+    rules = policy(limits, classes=classes)
     found = of_rule(judge_files({"weak.yaml": design(PROMISE)}, policy=rules), "class-relaxed")
     assert [(finding.pointer, finding.severity) for finding in found] == [
         ("/classes/0/rules/cvar/limit_mm", "warning"),
         ("/classes/0/rules/p95/severity", "note"),
+        ("/classes/0/rules/reliability/max_effect_mm", "warning"),
+        ("/classes/0/rules/survives-loss/lost", "warning"),
     ]
 
 

@@ -395,9 +395,10 @@ def _list_weaker(rules: Rules, entry: DesignClass) -> Iterator[tuple[str, str, s
             lost = own.severity == "off"
             words = "is off, an error for all others" if lost else f"is a {own.severity}, an error for all others"
             yield rule, "severity", words, lost
-        for field in ("limit_mm", "min_mm", "max_probability", "min_yield"):
-            if field in own.model_fields_set and getattr(own, field) is None and getattr(before, field) is not None:
-                yield rule, field, f"has no {field}, {getattr(before, field):g} for all others", True
+        for field in type(own).model_fields:
+            limit = getattr(before, field)
+            if field in own.model_fields_set and getattr(own, field) is None and isinstance(limit, int | float):
+                yield rule, field, f"has no {field}, {limit:g} for all others", True
         if "processes" in own.model_fields_set and not own.processes and before.processes:
             yield rule, "processes", "has no processes, unlike for all others", True
 
