@@ -197,7 +197,8 @@ def test_the_page_of_conventions_says_how_often_each_source_is_drawn(scene: Syst
     drawn = [block for block in linearise(scene, scene.targets[0]).blocks if block.laws]
     lists = {Drawn.UNIT: said[1], Drawn.SHOT: said[2]}
     for block in drawn:
-        words = CALLED[block.contributor.partition(":")[0]]
+        words = CALLED.get(block.contributor.partition(":")[0], "")
+        assert words, f"say on the page when {block.contributor} is drawn, and its words there in CALLED"
         assert [often for often, listed in lists.items() if words in listed] == [block.effect.drawn], block.contributor
     assert {block.contributor.partition(":")[0] for block in drawn} == CALLED.keys()
 
