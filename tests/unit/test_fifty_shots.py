@@ -5,13 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi, ncx2
-from test_levels import clipped_on, columns_of, on
+from test_levels import clipped_on, on
 
+import reference_chain
 from plain_data import DEMO, EXAMPLES, replaced
 from tailstack import load_design
 from tailstack.results.score import SHOTS
 from tailstack.scoring import score
+from tailstack.system import System
 from tailstack.tail.declared import WITHIN, LinearLaw, MixedLaw
 
 ORDERS = (np.arange(SHOTS) + 0.5) / SHOTS
@@ -50,6 +53,23 @@ def test_a_score_has_them_of_what_decides(design: Any) -> None:
     assert (values > found.fifty_shots.limit).sum() == round(fifty) or isclose(
         fifty % 1, 0.5, abs_tol=2 * SHOTS * WITHIN
     )
+
+
+def columns_of(system: System) -> dict[str, NDArray[np.float64]]:
+    """(3, k) mm of a standard deviation (normal) or an end (uniform) of each source: central differences of the plain
+    chain by SVD."""
+    target, count, columns = system.targets[0], len(system.fiducials_mm), {}
+    sizes = {f"{of}_noise:{view.name}": [0.7] * (2 * points)
+             for view in system.views for of, points in (("fiducial", count), ("target", 1))}  # fmt: skip
+    sizes |= {link.name: link.sources.half_width.tolist() for link in system.interfaces}
+    for name, widths in sizes.items():
+        ends = []
+        for width, unit in zip(widths, np.eye(len(widths)), strict=True):
+            step = 1e-3 * width * unit
+            above, below = (reference_chain.run(system, target, {name: side * step})["tcp"] for side in (1, -1))
+            ends.append((above - below) / 2e-3)
+        columns[name] = np.array(ends).T
+    return columns
 
 
 def test_they_part_draws_of_an_independent_chain_into_fiftieths() -> None:

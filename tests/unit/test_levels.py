@@ -1,4 +1,7 @@
-"""Drawn once per unit, per mounting or at each shot: what a reading holds, against draws nested three deep."""
+"""Drawn once per unit, per mounting or at each shot: what a reading holds, by score, simulation and document.
+
+Draws nested three deep are in ``test_statistics_of_measures``.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
-import reference_chain
 import tailstack
 from family import run_python
 from plain_data import DEMO, EXAMPLES
@@ -47,50 +48,6 @@ def clipped_on(**changes: Any) -> System:
 
 def on(risk: str, limit: float = 1.0) -> Requirement:
     return Requirement(risk, "tcp", 0.95, limit, 0.95, ("target",), risk, None if risk == "pooled" else 0.9)
-
-
-def columns_of(system: System) -> dict[str, NDArray[np.float64]]:
-    """(3, k) mm of a standard deviation (normal) or an end (uniform) of each source: central differences of the plain
-    chain by SVD."""
-    target, count, columns = system.targets[0], len(system.fiducials_mm), {}
-    sizes = {f"{of}_noise:{view.name}": [0.7] * (2 * points)
-             for view in system.views for of, points in (("fiducial", count), ("target", 1))}  # fmt: skip
-    sizes |= {link.name: link.sources.half_width.tolist() for link in system.interfaces}
-    for name, widths in sizes.items():
-        ends = []
-        for width, unit in zip(widths, np.eye(len(widths)), strict=True):
-            step = 1e-3 * width * unit
-            above, below = (reference_chain.run(system, target, {name: side * step})["tcp"] for side in (1, -1))
-            ends.append((above - below) / 2e-3)
-        columns[name] = np.array(ends).T
-    return columns
-
-
-@pytest.mark.long
-@pytest.mark.hostile
-@pytest.mark.parametrize("risk", ["per_unit", "per_mounting"])
-def test_what_units_and_mountings_keep_is_that_of_draws_nested_three_deep(risk: str) -> None:
-    """independent: gains by the SVD chain, NumPy's draws, 16 blocks of 6,000 units; per unit 200 mountings of 5 shots,
-    per mounting 1,000 shots of one.  Within 0.5 %, four standard errors (1 in 16,000)."""
-    system = clipped_on(requirements=(on(risk),))
-    columns, rng, blocks = columns_of(system), np.random.default_rng(59), []
-    noise = np.hstack([columns[name] for name in columns if "noise" in name])
-    factor = np.linalg.cholesky(noise @ noise.T)
-    mountings, shots = (200, 5) if risk == "per_unit" else (1, 1000)
-    for _ in range(16):
-        own = []
-        for _ in range(60):
-            unit = rng.standard_normal((100, 6)) @ columns["connector_flange"].T
-            mounted = rng.uniform(-1, 1, (100, mountings, 6)) @ columns["structure_connector"].T
-            shot = rng.standard_normal((100, mountings, shots, 3)) @ factor.T
-            errors = unit[:, None, None] + mounted[:, :, None] + shot
-            squares = (errors**2).sum(axis=3).reshape(100, -1)
-            own.append(np.sqrt(np.partition(squares, 949, axis=1)[:, 949:951].mean(axis=1)))
-        blocks.append(np.quantile(np.concatenate(own), 0.9))
-    error = np.std(blocks, ddof=1) / 4
-    value = score(system, losses=False).verdict.checks[0].value
-    assert error < 0.0015 * value
-    assert value == pytest.approx(np.mean(blocks), rel=0.005)
 
 
 def test_no_pooled_number_depends_on_a_level() -> None:

@@ -172,10 +172,15 @@ MOTION_STD = np.array([2e-3, 1e-3, 3e-3, 0.3, 0.5, 0.2])  # rad and mm
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("form", list(LINEAR))
 @pytest.mark.parametrize(
-    ("views", "manufactured", "moving"),
-    [(2, False, False), (2, True, False), (3, True, False), (5, False, False), (2, False, True), (3, True, True)],
+    ("views", "manufactured", "moving", "form"),
+    [
+        (2, False, False, Triangulation.NORMALISED),
+        (3, True, False, Triangulation.PUBLISHED),
+        (5, False, False, Triangulation.NORMALISED),
+        (2, False, True, Triangulation.PUBLISHED),
+        (3, True, True, Triangulation.NORMALISED),
+    ],
 )
 def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_noise_free_rows(
     views, manufactured, moving, form

@@ -22,7 +22,7 @@ from tailstack.scoring import score
 from tailstack.system import Law, Requirement, System
 from tailstack.verification import verify
 
-MANY = 100_000, 1000  # draws pooled; units (or mountings), and shots of each
+MANY = 100_000, 500  # draws pooled; units (or mountings), and shots of each
 FEW = 20_000, 0  # of no unit by itself
 QUANTILE, SHOTS, ALLOWED = 0.9, 10, 0.1
 DRAWS: dict[Law, Any] = {
@@ -213,34 +213,10 @@ def test_statistics_of_measures_are_those_of_draws(seed: int) -> None:
 
 @pytest.mark.long
 @pytest.mark.hostile
-@pytest.mark.parametrize("seed", range(100, 140))
+@pytest.mark.parametrize("seed", range(100, 106))  # one shot or two, by each axis
 def test_statistics_of_measures_are_those_of_draws_on_many_designs(seed: int, run_seed: int) -> None:
-    """Forty times some 130 numbers: a run fails once in 29."""
+    """Six times some 130 numbers: a run fails once in 190."""
     hold_all(run_seed + seed, *MANY)
-
-
-@pytest.mark.long
-@pytest.mark.hostile
-def test_forty_angles_are_those_of_two_million_draws(run_seed: int) -> None:
-    """P95 within 0.3 %, which is at least five of its standard errors: a run fails once in 40,000."""
-    for seed in range(40):
-        rng = np.random.default_rng([run_seed, seed])
-        system = scene(rng, two_shots=bool(seed % 2))
-        errors = Errors(system, rng)
-        entry, end, _ = system.targets
-        between = system.T_tcp_flange[:3, :3] @ system.T_flange_con[:3, :3] @ (end.position_mm - entry.position_mm)
-        across = np.linalg.svd(between[None])[2][1:] / np.linalg.norm(between)
-        ends = np.zeros((2, 2, 18))
-        ends[0, :, :3], ends[1, :, 6:9] = -across, across
-        known, parts = sum(ends) @ errors.known, []
-        for drawn, law, columns in errors.parts:
-            apart = seed % 2 and drawn == "shot"
-            parts += [(drawn, law, own @ columns) for own in (ends if apart else (sum(ends),))]
-        errors.parts, every = parts, ("unit", "moun", "shot")
-        angles = [np.linalg.norm(known + errors.draw((250_000,), every), axis=1) for _ in range(8)]
-        expected = np.rad2deg(np.quantile(np.concatenate(angles), 0.95))
-        found = next(each.p95 for each in score(system, losses=False).measures if each.measure == "angle")
-        assert found == pytest.approx(expected, rel=3e-3)
 
 
 def test_ppk_is_of_the_number_with_its_sign_and_sigma_levels_are_those_of_a_normal_number() -> None:

@@ -54,19 +54,18 @@ import numpy as np
 import yaml
 
 import tailstack
-from scenes import cube_fiducials, system_of, with_noise
 from tailstack import load_design, score, score_batch, verify
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.system import Estimator, Triangulation
 from tailstack_service.cli.main import main
 from test_estimators_first_order import (
-    knowing, p95_mm, test_every_gain_equals_the_finite_difference_of_the_plain_estimator,
+    test_every_gain_equals_the_finite_difference_of_the_plain_estimator,
     test_every_gain_of_a_matrix_equals_the_difference_of_two_estimates,
     test_first_order_turns_with_the_structure_follows_units_and_does_not_feel_a_rigid_bias,
 )
 from test_optimise_effects import test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout
-from test_least_squares_lanes import SCENES, by, difference, mistaken
+from test_least_squares_lanes import SCENES, by, difference
 
 demo, folder = sys.argv[1:]
 toy = Estimator.POSE_AND_FOCAL
@@ -103,22 +102,6 @@ for noise in (0.2, 1.5):
     other["views"][0]["fiducial_noise_px"] = noise
     one_by_one.append(score(load_design(other), losses=False).targets[0].p95_mm)
 told["batch"] = [list(column), one_by_one]
-
-cube = system_of(cube_fiducials(30), views=with_noise(0.5))
-prior = replace(cube, estimator=Estimator.POSE_WITH_PRIOR)
-half_known = replace(prior, views=tuple(replace(v, intrinsics_prior=(1e4, 1e-5)) for v in prior.views))
-told["p95_mm"] = {
-    "pose": p95_mm(replace(cube, estimator=Estimator.POSE)),
-    "toy": p95_mm(replace(cube, estimator=toy)),
-    "toy, told a prior": p95_mm(replace(half_known, estimator=toy)),
-    "by prior": p95_mm(half_known),
-    "nine": p95_mm(prior),
-    "dlt": p95_mm(cube),
-    "toy, focal length wrong": p95_mm(knowing(replace(cube, estimator=toy), 0.0, 0.0, bias=(0.05, 0.0, 0.0))),
-    "toy, principal point wrong": p95_mm(knowing(replace(cube, estimator=toy), 0.0, 0.0, bias=(0.0, 20.0, 0.0))),
-}
-checked = verify(mistaken(replace(cube, estimator=toy)), trials=100_000, seed=5).targets[0]
-told["cube"] = [checked.first_order_p95_mm, checked.p95_mm, *checked.p95_interval_mm]
 
 told["lanes"] = {}
 for name in ("as-it-is", "20deg", "mistaken", "sheared", "some-seen", "eq18", "published"):
@@ -171,46 +154,25 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.long
-def test_it_is_listed_and_stands_between_those_that_know_more_and_less(told: dict[str, Any]) -> None:
+def test_it_is_listed_and_named(told: dict[str, Any]) -> None:
     assert "pose_and_focal" in json.dumps(told["schema"]["$defs"]["Model"]["properties"]["estimator"])
     assert told["validate"]["code"] == 0, told["validate"]
     assert told["score"]["provenance"]["estimator"] == "pose_and_focal"
     assert told["score"]["validity"]["status"] == "not valid"
     assert "with the estimator pose_and_focal" in told["score"]["validity"]["statement"]
     assert "Gauss-Newton for pose and focal length, eight lanes" in told["verify"]["engine"]
-    # closed form: every unknown more adds to the covariance; a prior of nothing and of certainty is no prior.
-    p95_mm = told["p95_mm"]
-    assert p95_mm["pose"] < p95_mm["toy"] < p95_mm["nine"] < p95_mm["dlt"]
-    assert p95_mm["toy"] == pytest.approx(p95_mm["by prior"], rel=1e-6)
-    assert p95_mm["toy"] == p95_mm["toy, told a prior"]
-
-
-@pytest.mark.long
-def test_what_it_estimates_does_not_count_and_what_it_believes_does(told: dict[str, Any]) -> None:
-    """closed form: least squares absorb what moves the images as an unknown does; rounding is left."""
-    lines = {
-        line["component"]: line
-        for line in told["score"]["targets"][0]["contributors"]
-        if line["name"] == "assumed_intrinsics:AP"
-    }
-    assert abs(lines["focal"]["variance_share"]) < 1e-15
-    assert lines["principal_point_u"]["variance_share"] > 1e-9
-    p95_mm = told["p95_mm"]
-    assert p95_mm["toy, focal length wrong"] == pytest.approx(p95_mm["toy"], rel=1e-9)
-    assert p95_mm["toy, principal point wrong"] > 1.001 * p95_mm["toy"]
 
 
 @pytest.mark.long
 def test_simulation_agrees_with_first_order(told: dict[str, Any]) -> None:
-    """sampled: P95 of 40,000 and 100,000 trials; intervals of 99.9 %, and a half of a per cent for what first order
-    leaves out: error rate 2e-3 at most."""
-    whole = told["verify"]["targets"][0]
-    demo = [whole["first_order_p95_mm"], whole["p95_mm"], *whole["p95_interval_mm"]]
-    for first_order, simulated, low, high in (demo, told["cube"]):
-        middle, half = (low + high) / 2, (high - low) / 2 * 3.29 / 1.96
-        assert half < 0.015 * middle
-        assert abs(first_order - middle) < half + 0.005 * middle
-        assert first_order / simulated == pytest.approx(1.0, abs=0.02)
+    """sampled: P95 of 40,000 trials; an interval of 99.9 %, and a half of a per cent for what first order leaves out:
+    error rate 1e-3 at most."""
+    found = told["verify"]["targets"][0]
+    low, high = found["p95_interval_mm"]
+    middle, half = (low + high) / 2, (high - low) / 2 * 3.29 / 1.96
+    assert half < 0.015 * middle
+    assert abs(found["first_order_p95_mm"] - middle) < half + 0.005 * middle
+    assert found["first_order_p95_mm"] / found["p95_mm"] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.long
