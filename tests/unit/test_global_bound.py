@@ -502,9 +502,11 @@ def test_all_layouts_of_a_larger_grid(estimator: Estimator) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("estimator", "form"), EVERY)
+@pytest.mark.parametrize("form", [Triangulation.WEIGHTED, Triangulation.REPROJECTION])
+@pytest.mark.parametrize("estimator", list(Estimator))
 def test_no_optimised_layout_is_below_it(estimator: Estimator, form: Triangulation) -> None:
-    """oracle: the optimiser as the adversary, from 100 layouts of its own, and from 64 in the cells that know most."""
+    """oracle: the optimiser as the adversary, from 100 layouts of its own, and from 64 in the cells that know most.
+    Weights by the noise are the best of the linear forms, and the bound does not know which of them it is of."""
     problem = navigation(8, estimator=estimator, triangulation=form)
     term = first_term(problem)
     information = information_of(problem, term)
