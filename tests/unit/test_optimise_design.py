@@ -387,7 +387,7 @@ SECTIONS: dict[str, Data] = {
     "one may be lost": moving(survive={"lost": 1, "limit_mm": 1.6}),
     "grades": {"tolerances": [free("structure_connector", c, grades=GRADES) for c in ("rx", "ry")]},
     "a number of fiducials": moving(count={"min": 6, "max": 7, "cost_per_fiducial": 20.0}),
-    "views": moving(views=[{"view": "LAT", "cone_deg": 20.0}]),
+    "views": moving(views=[{"view": "LAT", "cone_deg": 20.0}], starts=1),
     "per unit": moving(),
 }
 

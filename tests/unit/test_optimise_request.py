@@ -29,7 +29,9 @@ from tailstack import optimise, verify
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.errors import DesignError
 from tailstack.geometry.arrays import Array
+from tailstack.optimisation import regions
 from tailstack.optimisation.exact_law import image_parts
+from tailstack.optimisation.request import read_request
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import every_terms, image_parts_at
@@ -70,13 +72,10 @@ def excess_mm(region: dict[str, Any], points: Array) -> float:
     return float(np.maximum(ends, sides).max())
 
 
-def layout_of(result: Optimisation) -> Array:
-    return np.array(list(positions(result.design).values()))
-
-
-def gap_mm(points: Array) -> float:
-    first, second = np.triu_indices(len(points), 1)
-    return float(np.linalg.norm(points[first] - points[second], axis=1).min())
+def regions_of(**section: Any) -> tuple[Any, ...]:
+    """The regions that a section gives, each once."""
+    places = read_request(load_design(document(**section))).problem.places
+    return regions.distinct([place.region for place in places])[0]
 
 
 def assert_scores_as_promised(result: Optimisation) -> None:
@@ -86,15 +85,41 @@ def assert_scores_as_promised(result: Optimisation) -> None:
     assert all(check.value <= check.limit for check in scored.verdict.checks)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_region_of_every_shape(name: str) -> None:
-    """closed form: distance from the axis and the centre; a region that binds is used up to its surface."""
-    result = optimised(document(**moving(box=None, region=SHAPES[name], starts=1)))
-    points = layout_of(result)
-    assert abs(excess_mm(SHAPES[name], points)) < WRITTEN_MM
-    assert gap_mm(points) >= 12
-    assert_scores_as_promised(result)
+    """closed form: distance from the axis and the centre, of random points and of points of the region."""
+    (shape,) = regions_of(**moving(box=None, region=SHAPES[name]))
+    rng = np.random.default_rng(8)
+    points = np.vstack([rng.uniform(-70, 70, (2000, 3)) - [0, 0, 35], regions.sample(shape, rng, 200, 0.5)])
+    inside = np.array([excess_mm(SHAPES[name], point[None]) < WRITTEN_MM for point in points])
+    assert (regions.contains(shape, points) == inside).all()
+    assert 200 <= inside.sum() < len(points)
+
+
+def test_zones_and_groups_that_turn_are_those_of_the_section() -> None:
+    """closed form: distance to a box, a cylinder and a ball; copies 120 degrees apart about a tilted axis."""
+    zones: list[dict[str, Any]] = [
+        {"name": "clamp", "clearance_mm": 4.0, "box": {"min_mm": [-60, -60, -100], "max_mm": [-20, 60, -60]}},
+        {"name": "rod", "clearance_mm": 2.5,
+         "cylinder": {"base_mm": [45, 45, -300], "height_mm": 600, "radius_mm": 15}},
+        {"name": "head", "ball": {"centre_mm": [45, -45, -85], "radius_mm": 20}},
+    ]  # fmt: skip
+    axis, point = np.array([0.0, 0.2, 1.0]) / np.sqrt(1.04), np.array([2.0, -3.0, 0.0])
+    symmetry = {"rotation": {"axis": [0, 0.4, 2.0], "point_mm": point.tolist(), "order": 3}}
+    asked = moving(symmetry=symmetry, fixed=["F7"], keep_out=zones)
+    problem = read_request(load_design(document(7, **asked))).problem
+    assert [place.fiducials for place in problem.places] == [(0, 1, 2), (3, 4, 5)]
+    points = np.random.default_rng(9).uniform([-80, -80, -120], [80, 80, 0], (3000, 3))
+    beyond = np.maximum([-64, -64, -104] - points, points - [-16, 64, -56]).max(axis=1)  # each face moved out by 4 mm
+    to_rod, to_head = np.linalg.norm(points[:, :2] - 45, axis=1), np.linalg.norm(points - [45, -45, -85], axis=1)
+    for zone, gap in zip(problem.keep_out, (beyond, to_rod - 17.5, to_head - 20), strict=True):
+        assert (regions.clear_of(zone, points) == (gap >= 0)).all()
+        assert 10 < (gap < 0).sum() < len(points)
+    along = (points - point) @ axis
+    across = points - point - along[:, None] * axis
+    for k, copy_of in enumerate(problem.symmetry, start=1):  # -1/2 of itself, sqrt(3)/2 across it
+        turned = -across / 2 + (-1) ** (k + 1) * np.sqrt(3) / 2 * np.cross(axis, across)
+        np.testing.assert_allclose(regions.move(copy_of, points), point + along[:, None] * axis + turned, atol=1e-9)
 
 
 @pytest.mark.long
@@ -112,50 +137,6 @@ def test_regions_for_groups_leave_the_others_where_they_are() -> None:
         assert entry.after_mm == tuple(now[entry.label])
         assert entry.before_mm == POINTS_MM[int(entry.label[1:]) - 1]
     assert_scores_as_promised(result)
-
-
-@pytest.mark.long
-def test_moved_fiducials_keep_out_of_every_zone() -> None:
-    """closed form: distance to a box, a cylinder and a ball; the corners they cover are where the layout wants to
-    be."""
-    zones: list[dict[str, Any]] = [
-        {"name": "clamp", "clearance_mm": 4.0, "box": {"min_mm": [-60, -60, -100], "max_mm": [-20, 60, -60]}},
-        {"name": "rod", "clearance_mm": 2.5,
-         "cylinder": {"base_mm": [45, 45, -300], "height_mm": 600, "radius_mm": 15}},
-        {"name": "head", "ball": {"centre_mm": [45, -45, -85], "radius_mm": 20}},
-    ]  # fmt: skip
-    result = optimised(document(**moving(keep_out=zones)))
-    points = layout_of(result)
-    low, high = np.array([-60, -60, -100]), np.array([-20, 60, -60])
-    to_box = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0), axis=1)
-    to_rod = np.linalg.norm(points[:, :2] - 45, axis=1) - 15
-    to_head = np.linalg.norm(points - [45, -45, -85], axis=1) - 20
-    for name, gaps, clearance in (("clamp", to_box, 4.0), ("rod", to_rod, 2.5), ("head", to_head, 0.0)):
-        assert gaps.min() >= clearance - WRITTEN_MM, name
-        if gaps.min() < clearance + 0.01:
-            assert any(f"keep-out zone '{name}'" in text for text in result.binding)
-    # at least one is in the way, or nothing was tested
-    assert min(to_box.min() - 4.0, to_rod.min() - 2.5, to_head.min()) < 0.01
-    assert_scores_as_promised(result)
-
-
-@pytest.mark.long
-def test_turned_groups_beside_a_fixed_fiducial() -> None:
-    """closed form: three fiducials 120 degrees apart about a tilted axis; F7 stays and belongs to no group."""
-    axis, point = np.array([0.0, 0.2, 1.0]) / np.sqrt(1.04), np.array([2.0, -3.0, 0.0])
-    symmetry = {"rotation": {"axis": [0, 0.4, 2.0], "point_mm": point.tolist(), "order": 3}}
-    result = optimised(document(7, **moving(symmetry=symmetry, fixed=["F7"])))
-    points = layout_of(result)
-    assert tuple(points[6]) == POINTS_MM[6]
-    assert [entry.label for entry in result.moved] == ["F1", "F2", "F3", "F4", "F5", "F6"]
-    for group in (points[:3] - point, points[3:6] - point):
-        along = group @ axis
-        across = group - along[:, None] * axis
-        np.testing.assert_allclose(along, along[0], rtol=0, atol=1e-5)
-        for k in range(3):  # a turn by 120 degrees: -1/2 of itself and sqrt(3)/2 of axis x itself
-            turned = -across[k] / 2 + np.sqrt(3) / 2 * np.cross(axis, across[k])
-            np.testing.assert_allclose(across[(k + 1) % 3], turned, rtol=0, atol=1e-5)
-    assert excess_mm({"box": BOX}, points[:6]) <= WRITTEN_MM
 
 
 @pytest.mark.long

@@ -149,6 +149,8 @@ def test_closed_forms_on_one_axis_and_without_mean():
     assert bounds(1 - eps, np.zeros(3), S).moments == pytest.approx(sqrt(1.7 / eps), rel=1e-14)
     gauss = sqrt(0.4 ** (2 / 3) * 1.7 / eps)  # Gauss-Camp-Meidell with alpha = 3
     assert bounds(1 - eps, np.zeros(3), S).unimodal == pytest.approx(gauss, rel=1e-12)
+    on_a_line = bounds(1 - eps, np.zeros(3), np.diag([0, 4, 0])).unimodal  # Gauss's own inequality
+    assert on_a_line == pytest.approx(2 * sqrt(4 / 9 / eps), rel=1e-12)
 
 
 def test_unimodal_bound_is_attained_without_mean():
