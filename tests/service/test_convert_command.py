@@ -22,13 +22,11 @@ CARRIER = str(ROOT / "examples" / "integrations" / "step" / "carrier.step")
 TAKE = ["--sphere-diameter", "3±0.1", "--frame", "Carrier"]
 
 
-def test_a_carrier_becomes_a_design_that_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_carrier_becomes_a_design_that_scores(tmp_path: Path, call: Any) -> None:
     target = tmp_path / "design.yaml"
-    assert main(["convert", CARRIER, *TAKE, "--seats", "REST*", "--pins", "PIN*", "-o", str(target)]) == 0
-    said = capsys.readouterr()
-    assert "8 balls became fiducials" in said.out
-    assert max(map(len, said.out.splitlines())) <= 80
-    assert "half-width 0.02 mm" in said.err
+    code, out, err = call("convert", CARRIER, *TAKE, "--seats", "REST*", "--pins", "PIN*", "-o", target)
+    assert (code, "8 balls became fiducials" in out, "half-width 0.02 mm" in err) == (0, True, True), out + err
+    assert max(map(len, out.splitlines())) <= 80
     design = load_design(target)
     assert score(design).targets[0].p95_mm < 1.0
     # published: the drawing of the example (tests/data/step/scenes.py), in the frame of the carrier
@@ -100,24 +98,20 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
     assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.19999999999999"
 
 
-def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(tmp_path: Path, call: Any, refused: Any) -> None:
     """A file without balls; what a design named as its drawing stays named until it is written out."""
     source, target = ROOT / "examples" / "first_carrier.yaml", tmp_path / "new.yaml"
-    drawing = str(ROOT / "examples" / "gallery" / "seat_from_cad_carrier.step")
-    assert main(["convert", drawing, "--pin-class", "g6", "--base", str(source), "-o", str(target)]) == 0
-    said = capsys.readouterr()
-    assert "the seat is flatness 0.02; diameter 6 H7" in said.err
+    drawing = EXAMPLES / "gallery" / "seat_from_cad_carrier.step"
+    code, _, err = call("convert", drawing, "--pin-class", "g6", "--base", source, "-o", target)
+    assert (code, "the seat is flatness 0.02; diameter 6 H7" in err) == (0, True), err
     before, after = load_design(source), load_design(target)
     assert after.fiducials.positions_mm == before.fiducials.positions_mm
     seat = after.document.interfaces.structure_connector
     assert seat is not None
     assert [feature.name for feature in seat.features or ()] == ["face", "pin 1", "pin 2"]
     assert "#" in target.read_text(encoding="utf-8").partition("fiducials:")[2]
-    capsys.readouterr()
-    assert main(["convert", drawing, "--pin-class", "k6", "--base", str(source), "-o", str(target)]) == 2
-    assert "the letter k is not known here" in capsys.readouterr().err
+    unknown = refused("convert", drawing, "--pin-class", "k6", "--base", source, "-o", target)
+    assert "the letter k is not known here" in unknown
 
 
 # --- calibration cages ----------------------------------------------------------------------------
@@ -127,33 +121,28 @@ CUBE = EXAMPLES / "integrations" / "xmalab"
 FRAME = "x,y,z\n0,0,0\n6.4,0,0,corner\n"
 
 
-def test_the_lego_cube_comes_in_with_its_marked_beads_and_goes_out_as_it_was(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_lego_cube_comes_in_with_its_marked_beads_and_goes_out_as_it_was(tmp_path: Path, call: Any) -> None:
     for ending in ("csv", "ref"):
         (tmp_path / f"cube.{ending}").write_bytes((CUBE / f"lego_cube.{ending}").read_bytes())
     first, design, second = tmp_path / "cube.csv", tmp_path / "cube.yaml", tmp_path / "again.csv"
-    base = str(CUBE / "lego_cube.yaml")
-    assert main(("convert", str(first), "--xmalab", "cm", "--base", base, "-o", str(design))) == 0
+    assert call("convert", first, "--xmalab", "cm", "--base", CUBE / "lego_cube.yaml", "-o", design)[0] == 0
     labels = load_design(design).fiducials.labels
     assert [labels[bead - 1] for bead in (1, 4, 13, 64)] == ["circle", "square", "triangle", "cross"]
     marked = "circle,square,triangle,cross"
-    assert main(("convert", str(design), "--xmalab", "cm", "--references", marked, "-o", str(second))) == 0
+    code, _, err = call("convert", design, "--xmalab", "cm", "--references", marked, "-o", second)
+    assert (code, f"wrote {tmp_path / 'again.ref'}" in err) == (0, True), err
     assert (tmp_path / "again.ref").read_text() == (tmp_path / "cube.ref").read_text()
     rows = [[line.split(",")[:3] for line in file.read_text().splitlines()[1:]] for file in (first, second)]
     assert [[float(cell) for cell in row] for row in rows[0]] == [[float(cell) for cell in row] for row in rows[1]]
-    assert f"wrote {tmp_path / 'again.ref'}" in capsys.readouterr().err
 
 
-def test_a_broken_reference_file_is_named_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_reference_file_is_named_with_its_line(tmp_path: Path, refused: Any) -> None:
     (tmp_path / "cube.csv").write_text(FRAME)
     (tmp_path / "cube.ref").write_text("1 circle\n2,square\n")
-    out = tmp_path / "cube.yaml"
-    assert main(("convert", str(tmp_path / "cube.csv"), "--xmalab", "mm", "-o", str(out))) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = refused("convert", tmp_path / "cube.csv", "--xmalab", "mm", "-o", tmp_path / "cube.yaml")
     assert "cube.ref:2" in said
     assert "write it like: 1 circle" in said
-    assert not out.exists()
+    assert not (tmp_path / "cube.yaml").exists()
 
 
 def test_a_cage_without_its_unit_is_refused_with_the_option(tmp_path: Path, refused: Any) -> None:

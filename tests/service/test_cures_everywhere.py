@@ -13,7 +13,6 @@ from service_scenes import EXAMPLES, ROOT, check_problem, small_design
 
 from plain_data import read_cases
 from tailstack.design.plausibility import PLAUSIBILITY
-from tailstack_service.cli.main import main
 
 DEMO = EXAMPLES / "demo.yaml"
 YAML = {"Content-Type": "application/yaml"}
@@ -37,19 +36,13 @@ SLIPS = [
 
 @pytest.mark.parametrize(("old", "new", "pointer", "cure"), SLIPS)
 def test_the_command_and_the_service_name_the_same_cure(
-    client: httpx.Client,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    old: str,
-    new: str,
-    pointer: str,
-    cure: str,
+    client: httpx.Client, call: Any, tmp_path: Path, old: str, new: str, pointer: str, cure: str
 ) -> None:
     path = written(tmp_path, old, new)
     line = path.read_text().splitlines().index(next(x for x in path.read_text().splitlines() if new in x)) + 1
     for verb in ("validate", "score"):
-        assert main([verb, str(path)]) == 2
-        told = capsys.readouterr().err
+        code, _, told = call(verb, path)
+        assert code == 2
         assert f"{path}:{line}:" in told
         assert f" {pointer}: " in told
         assert f"  hint: {cure}\n" in told
@@ -146,50 +139,40 @@ def test_a_charset_that_is_not_taken_gets_the_way_to_utf_8(client: httpx.Client)
 
 @pytest.mark.parametrize("name", ["my design.yaml", "it's $HOME; rm.yaml"])
 def test_the_command_to_type_next_survives_the_shell(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """independent: shlex.split reads it as a shell would."""
     monkeypatch.chdir(tmp_path)
     Path(name).write_text("schema: tailstack/design/1\nname: x\n")
-    assert main(["score", name]) == 2
-    told = capsys.readouterr().err.splitlines()[-1].removeprefix("next: ").partition("   ")[0]
+    told = call("score", name)[2].splitlines()[-1].removeprefix("next: ").partition("   ")[0]
     assert shlex.split(told) == ["tailstack", "validate", name]
-    assert main(["example", "first_carrier", "-o", f"new {name}"]) == 0
-    told = capsys.readouterr().out.splitlines()[-1].removeprefix("next: ")
+    told = call("example", "first_carrier", "-o", f"new {name}")[1].splitlines()[-1].removeprefix("next: ")
     assert shlex.split(told) == ["tailstack", "score", f"new {name}"]
 
 
 # --- alike findings -----------------------------------------------------------------------------------------
 
 
-def test_ten_alike_findings_are_told_once_with_their_cure(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, refused: Any
-) -> None:
+def test_ten_alike_findings_are_told_once_with_their_cure(call: Any, tmp_path: Path, refused: Any) -> None:
     """Text for people says it once; the problem document keeps every entry."""
     path = written(tmp_path, "label: F", "lable: F", 12)
     lines = [k for k, each in enumerate(path.read_text().splitlines(), 1) if "lable" in each]
-    assert main(["validate", str(path)]) == 2
-    told = capsys.readouterr().err
+    told = call("validate", path)[2]
     assert told.count("did you mean label?") == 1
     assert f"{path}:{lines[0]}:9: /fiducials/points/0/lable: unknown field 'lable'" in told
     others = ", ".join(map(str, lines[1:9]))
     assert f"  and 11 more like it: lines {others}, ...\n" in told
     assert "and 11 more like it" in refused("score", str(path))
-    assert main(["score", str(path), "--json"]) == 2
-    assert len(json.loads(capsys.readouterr().err)["errors"]) == 12
-    assert main(["gate", str(path), "--mode", "analytic"]) == 2
-    told = " ".join(capsys.readouterr().out.split())
+    assert len(json.loads(call("score", path, "--json")[2])["errors"]) == 12
+    told = " ".join(call("gate", path, "--mode", "analytic")[1].split())
     assert told.count("unknown field 'lable'") == 1
     assert f"and 11 more like it: lines {others}, ..." in told
 
 
-def test_two_of_a_kind_and_different_ones_are_told_one_by_one(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_two_of_a_kind_and_different_ones_are_told_one_by_one(call: Any, tmp_path: Path) -> None:
     path = written(tmp_path, "target_noise_px: 0.3", "target_noise_px: 0,3", 2)
     path.write_text(path.read_text().replace("    quantile: 0.95", "    quantile: 95"))
-    assert main(["validate", str(path)]) == 2
-    told = capsys.readouterr().err
+    told = call("validate", path)[2]
     assert told.count("write decimals with a point") == 2
     assert told.count("  hint: ") == 3
     assert "more like it" not in told

@@ -29,7 +29,7 @@ FIRST = (
 @pytest.mark.long(but=FIRST)
 @pytest.mark.parametrize("name", DESIGNS)
 def test_its_report_holds_together_and_is_verified(name: str) -> None:
-    report = compute_report(load_design(DESIGNS[name]), ReportContents(trials=20_000, seed=1))
+    report = compute_report(load_design(DESIGNS[name]), ReportContents(trials=4_000, seed=1))
     assert report.verification is not None
     for target in report.score.targets:
         assert np.isfinite(target.p95_mm)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from gate_scenes import BAD, FORMATS, GOOD, PASSING, STRICT, read_gate_record, waivers_of_today, write_documents
@@ -35,8 +36,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+EVERY = ("--mode", "analytic", *(f"--format={name}=out.{name}" for name in FORMATS))
+
+
 def gate(*arguments: str) -> int:
-    return main(["gate", "--mode", "analytic", *[f"--format={name}=out.{name}" for name in FORMATS], *arguments])
+    return main(["gate", *EVERY, *arguments])
 
 
 def record() -> GateRecord:
@@ -68,24 +72,15 @@ def judged_in_vain(name: str, text: str) -> bool:
     return is_no_verdict(name, text)
 
 
-def raising(error: BaseException) -> Any:
-    def broken(*_: Any, **__: Any) -> Any:
-        raise error
-
-    return broken
-
-
 @pytest.mark.parametrize(("arguments", "code", "words"), read_cases("gate", "arguments"))
 def test_a_gate_that_cannot_judge_leaves_no_old_pass(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
+    folder: Path, call: Any, arguments: list[str], code: int, words: str
 ) -> None:
     before = {name: (folder / name).read_bytes() for name in ("good.yaml", "policy.yaml")}
-    assert gate("good.yaml", "--policy", "policy.yaml") == 0
+    assert call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")[0] == 0
     assert record().verdict == "pass"
-    capsys.readouterr()
-    assert gate(*arguments) == code
-    shown = capsys.readouterr()
-    assert (words in shown.err, shown.out) == (True, "")
+    left, out, err = call("gate", *EVERY, *arguments)
+    assert (left, words in err, out) == (code, True, "")
     assert (record().verdict, record().exit_code) == ("not evaluated", code)
     for name in FORMATS:
         assert is_no_verdict(name, (folder / f"out.{name}").read_text(encoding="utf-8")), name
@@ -106,29 +101,27 @@ def test_a_gate_that_cannot_judge_leaves_no_old_pass(
     ],
 )
 def test_whatever_is_raised_is_no_pass(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], place: str, error: Any, code: int
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any, place: str, error: Any, code: int
 ) -> None:
-    assert gate("good.yaml", "--policy", "policy.yaml") == 0
-    capsys.readouterr()
-    monkeypatch.setattr(place, raising(error))
-    assert gate("good.yaml", "--policy", "policy.yaml") == code
+    assert call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")[0] == 0
+    monkeypatch.setattr(place, Mock(side_effect=error))
+    left, _, err = call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")
+    assert (left, err != "") == (code, True)
     assert (record().verdict, record().exit_code) == ("not evaluated", code)
-    assert capsys.readouterr().err
 
 
 def test_a_format_on_stdout_is_whole_when_the_gate_breaks_off(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any
 ) -> None:
-    monkeypatch.setattr("tailstack_service.gate.judge.conclude", raising(RuntimeError("singular")))
-    assert main(["gate", "good.yaml", "--format", "json"]) == 3
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["exit_code"] == 3
-    assert "internal error, RuntimeError: singular" in shown.err
+    monkeypatch.setattr("tailstack_service.gate.judge.conclude", Mock(side_effect=RuntimeError("singular")))
+    code, out, err = call("gate", "good.yaml", "--format", "json")
+    assert (code, json.loads(out)["exit_code"]) == (3, 3)
+    assert "internal error, RuntimeError: singular" in err
 
 
 def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refusal = NotConvergedError(Problem("/views", "not-converged", "no solution was proven"))
-    monkeypatch.setattr("tailstack.verification.verify_prepared", raising(refusal))
+    monkeypatch.setattr("tailstack.verification.verify_prepared", Mock(side_effect=refusal))
     assert main(["gate", "good.yaml", "bad.yaml", "--mode", "verify", "--format", "json=out.json"]) == 3
     assert [design.verdict for design in record().designs] == ["not evaluated", "not evaluated"]
     assert {finding.rule for finding in record().findings} == {"not-evaluated"}
@@ -151,13 +144,13 @@ def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 
 
 @pytest.mark.parametrize("file", [f"out.{name}" for name in FORMATS])
 def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], file: str
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any, file: str
 ) -> None:
     failing(monkeypatch, "stage", file)
-    assert gate("good.yaml", "--policy", "policy.yaml") == 3
-    shown = capsys.readouterr()
-    assert f"cannot write {file}: No space left on device\n  hint: make room for it" in shown.err
-    assert shown.err.splitlines()[-1] == "tailstack gate: verdict: not evaluated (exit code 3)"
+    code, _, err = call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")
+    assert code == 3
+    assert f"cannot write {file}: No space left on device\n  hint: make room for it" in err
+    assert err.splitlines()[-1] == "tailstack gate: verdict: not evaluated (exit code 3)"
     assert not (folder / file).exists()
     for name in {*FORMATS} - {file.removeprefix("out.")}:
         text = (folder / f"out.{name}").read_text(encoding="utf-8")
@@ -168,7 +161,7 @@ def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
 
 @pytest.mark.parametrize("times", [1, 1000])
 def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], times: int
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any, times: int
 ) -> None:
     """json is written last but six: text, before it, is in its place and says pass when json fails."""
     put, seen = Staged.put, []
@@ -182,8 +175,8 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
         put(self)
 
     monkeypatch.setattr(Staged, "put", denied)
-    assert gate("good.yaml", "--policy", "policy.yaml") == 3
-    assert "cannot write out.json: Permission denied" in capsys.readouterr().err
+    code, _, err = call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")
+    assert (code, "cannot write out.json: Permission denied" in err) == (3, True)
     assert judged_in_vain("text", (folder / "out.text").read_text(encoding="utf-8"))
     assert (folder / "out.json").exists() == (times == 1), "the second time it may work"
     if times == 1:
@@ -192,15 +185,15 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
 
 
 def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any
 ) -> None:
     failing(monkeypatch, "stage", "out.json")
     both = ("--format", "text", "--format", "json=out.json")
-    assert main(["gate", "good.yaml", "--policy", "policy.yaml", "--mode", "analytic", *both]) == 3
-    shown = capsys.readouterr()
-    assert shown.out.splitlines()[-1].startswith("verdict: not evaluated (exit code 3")
-    assert "cannot write out.json: No space left on device" in " ".join(shown.out.split())
-    assert "cannot write out.json: No space left on device" in shown.err
+    code, out, err = call("gate", "good.yaml", "--policy", "policy.yaml", "--mode", "analytic", *both)
+    assert code == 3
+    assert out.splitlines()[-1].startswith("verdict: not evaluated (exit code 3")
+    for said in (" ".join(out.split()), err):
+        assert "cannot write out.json: No space left on device" in said
 
 
 def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,12 +204,11 @@ def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypat
 
 
 def test_nothing_is_computed_for_an_output_that_cannot_be_written(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any
 ) -> None:
-    monkeypatch.setattr("tailstack_service.cli.gate._judge", raising(AssertionError("judged")))
-    assert main(["gate", "good.yaml", "--format", "sarif=/proc/gate.sarif", "--format", "json=out.json"]) == 3
-    assert "cannot write /proc/gate.sarif" in capsys.readouterr().err
-    assert record().exit_code == 3
+    monkeypatch.setattr("tailstack_service.cli.gate._judge", Mock(side_effect=AssertionError("judged")))
+    code, _, err = call("gate", "good.yaml", "--format", "sarif=/proc/gate.sarif", "--format", "json=out.json")
+    assert (code, "cannot write /proc/gate.sarif" in err, record().exit_code) == (3, True, 3)
 
 
 ANALYTIC = (*TAILSTACK, "gate", "good.yaml", "--policy=policy.yaml", "--mode=analytic")
@@ -269,7 +261,7 @@ def test_a_link_stays_a_link(folder: Path) -> None:
 
 def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
-    monkeypatch.setattr(gate_outputs, "stage", raising(OSError(28, "No space left on device")))
+    monkeypatch.setattr(gate_outputs, "stage", Mock(side_effect=OSError(28, "No space left on device")))
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
     assert not list(folder.glob("out.*")), "what an earlier gate wrote is no answer to this one"
 
@@ -327,24 +319,21 @@ def test_a_gate_that_is_broken_off_leaves_files_that_say_so(
         assert words in text, name
 
 
-def test_a_baseline_without_numbers_compares_nothing_and_is_refused(
-    folder: Path, capsys: pytest.CaptureFixture[str], refused: Any
-) -> None:
-    assert gate("absent.yaml") == 2
+def test_a_baseline_without_numbers_compares_nothing_and_is_refused(folder: Path, refused: Any) -> None:
+    refused("gate", *EVERY, "absent.yaml")
     os.replace("out.json", "base.json")
-    capsys.readouterr()
     assert "it has no numbers to compare with" in refused("gate", "good.yaml", "--baseline", "base.json")
 
 
 def test_the_summary_of_a_step_is_appended_and_never_too_long(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any
 ) -> None:
     summary = folder / "summary.md"
     summary.write_text("# before\n", encoding="utf-8")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
     monkeypatch.setenv("GITHUB_WORKSPACE", str(folder.parent))
-    assert main(["gate", "bad.yaml", "--mode", "analytic", "--format", "github"]) == 1
-    assert f"::error file={folder.name}/bad.yaml,line=" in capsys.readouterr().out
+    code, out, _ = call("gate", "bad.yaml", "--mode", "analytic", "--format", "github")
+    assert (code, f"::error file={folder.name}/bad.yaml,line=" in out) == (1, True)
     text = summary.read_text(encoding="utf-8")
     assert text.startswith("# before\n## ❌ Gate: fail")
     row = next(line for line in text.splitlines() if "/bad.yaml |" in line)
@@ -356,32 +345,28 @@ def test_the_summary_of_a_step_is_appended_and_never_too_long(
     assert main(["gate", "bad.yaml", "--mode", "analytic", "--format", "github"]) == 1
     assert summary.stat().st_size <= 2**20
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder))
-    capsys.readouterr()
-    assert main(["gate", "good.yaml", "--mode", "analytic", "--format", "github"]) == 3
-    shown = capsys.readouterr()
-    assert "cannot write GITHUB_STEP_SUMMARY" in shown.err
-    assert shown.out.splitlines()[-1] == "tailstack gate: not evaluated (exit code 3)"
+    code, out, err = call("gate", "good.yaml", "--mode", "analytic", "--format", "github")
+    assert (code, "cannot write GITHUB_STEP_SUMMARY" in err) == (3, True)
+    assert out.splitlines()[-1] == "tailstack gate: not evaluated (exit code 3)"
 
 
 # --- what it says on the way; rules; reports ------------------------------------------------------
 
 
-def judge_plainly(*arguments: str) -> int:
-    return main(["gate", *arguments, "--policy", "policy.yaml", "--mode", "analytic"])
+PLAINLY = ("--policy", "policy.yaml", "--mode", "analytic")
 
 
 @pytest.mark.parametrize(("formats", "told"), read_cases("gate", "logged"))
-def test_the_reason_is_in_the_log_whatever_the_formats(
-    folder: Path, capsys: pytest.CaptureFixture[str], formats: list[str], told: bool
-) -> None:
-    assert judge_plainly("good.yaml", "bad.yaml", *[f"--format={name}" for name in formats]) == 1
-    shown = capsys.readouterr()
-    said = [line for line in shown.err.splitlines() if line.startswith("tailstack gate: ")]
+def test_the_reason_is_in_the_log_whatever_the_formats(folder: Path, call: Any, formats: list[str], told: bool) -> None:
+    wanted = [f"--format={name}" for name in formats]
+    code, out, err = call("gate", "good.yaml", "bad.yaml", *PLAINLY, *wanted)
+    assert code == 1
+    said = [line for line in err.splitlines() if line.startswith("tailstack gate: ")]
     if not told:
         assert said == []
-        assert "0.3 mm" in shown.out
+        assert "0.3 mm" in out
         return
-    assert formats != ["json"] or json.loads(shown.out)["schema"] == "tailstack/gate/1"
+    assert formats != ["json"] or json.loads(out)["schema"] == "tailstack/gate/1"
     line = next(k for k, words in enumerate((folder / "bad.yaml").read_text().splitlines(), 1) if "limit_mm" in words)
     assert said[:2] == ["tailstack gate: bad.yaml: fail", "tailstack gate: good.yaml: pass"]
     assert said[2].startswith(f"tailstack gate: bad.yaml:{line}:")
@@ -389,12 +374,13 @@ def test_the_reason_is_in_the_log_whatever_the_formats(
     assert said[3:] == ["tailstack gate: verdict: fail (exit code 1)"]
 
 
-def test_the_reason_in_the_log_is_short(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_reason_in_the_log_is_short(folder: Path, call: Any) -> None:
     write_documents(folder, {f"d{k:02}.yaml": GOOD if k % 4 else BAD for k in range(15)})
     write_documents(folder, {"waivers.yaml": waivers_of_today("d00.yaml")})
-    assert judge_plainly("d*.yaml", "--waivers", "waivers.yaml", "--format", "json=g.json") == 1
-    lines = capsys.readouterr().err.splitlines()
-    said = [line for line in lines if line.startswith(("wrote ", "tailstack gate: "))]  # progress, where it takes long
+    code, _, err = call("gate", "d*.yaml", "--waivers", "waivers.yaml", "--format", "json=g.json", *PLAINLY)
+    assert code == 1
+    ours = ("wrote ", "tailstack gate: ")  # progress stands between them, where it takes long
+    said = [line for line in err.splitlines() if line.startswith(ours)]
     assert said[:5] == ["wrote g.json", *[f"tailstack gate: d{k:02}.yaml: fail" for k in (4, 8, 12)],
                         "tailstack gate: d00.yaml: pass"]  # fmt: skip
     assert said[11] == "tailstack gate: ... and 5 more designs, which pass"
@@ -403,9 +389,9 @@ def test_the_reason_in_the_log_is_short(folder: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_every_rule_has_a_page(rule: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["gate", "--explain", rule]) == 0
-    page = capsys.readouterr().out
+def test_every_rule_has_a_page(rule: str, call: Any) -> None:
+    code, page, _ = call("gate", "--explain", rule)
+    assert code == 0
     known = RULES[rule]
     assert page.startswith(f"{rule}: {known.title}")
     assert len(page) > 150

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import unicodedata
 from collections.abc import Iterator
 from contextlib import chdir
@@ -47,44 +48,11 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_class_holds_by_whatever_name(tree: Path) -> None:
-    part, rules = "released/carrier.yaml", "policy.yaml"
-    link, real = tree / "workspace", tree / "tree"
-    ways: list[tuple[Path, str | Path, str | Path]] = [
-        (real, part, rules),
-        (real, real / part, real / rules),
-        (real, link / part, rules),
-        (link, "released/*.yaml", rules),
-        (real, "current/carrier.yaml", rules),
-        (real / "released", "carrier.yaml", "../policy.yaml"),
-        (tree, f"workspace/{part}", "tree/policy.yaml"),
-        (tree, "carrier.yaml", "workspace/policy.yaml"),
-        (tree / "elsewhere", link / part, link / rules),
-        (tree / "elsewhere", f"../tree/{part}", "../workspace/policy.yaml"),
-    ]
-    for folder, name, policy_file in ways:
-        code, record = gate_in(folder, name, "--policy", policy_file)
-        assert (code, record.verdict, record.designs[0].design_class) == (1, "fail", "released"), (folder, name)
-        assert [finding.rule for finding in record.findings] == ["p95"], (folder, name)
-
-
 def test_one_file_by_two_names_is_one_design(tree: Path) -> None:
     part = tree / "workspace" / "released" / "carrier.yaml"
     names = ["released/carrier.yaml", "./released//carrier.yaml", "**/carrier.yaml", part, "current/carrier.yaml"]
     code, record = gate_in(tree / "tree", *names, "--policy", "policy.yaml")
     assert (code, [design.file for design in record.designs]) == (1, ["released/carrier.yaml"])
-
-
-@pytest.mark.parametrize(("on_disk", "in_pattern"), [(DECOMPOSED, COMPOSED), (COMPOSED, DECOMPOSED)])
-def test_unicode_forms_are_one_name(tmp_path: Path, on_disk: str, in_pattern: str) -> None:
-    write_document(tmp_path / on_disk / "carrier.yaml", limited(PASSING))
-    rules = write_document(tmp_path / "policy.yaml", policy(f"{in_pattern}/*"))
-    for name in (f"{on_disk}/carrier.yaml", f"{in_pattern}/carrier.yaml", f"{in_pattern}/c*.yaml"):
-        assert gate_in(tmp_path, name, "--policy", rules)[0] == 1, name
-    accepted = write_document(tmp_path / "waivers.yaml", waivers_of_today(f"{in_pattern}/carrier.yaml"))
-    code, record = gate_in(tmp_path, f"{on_disk}/carrier.yaml", "--policy", rules, "--waivers", accepted)
-    assert code == 0
-    assert [finding.suppressed_by is None for finding in of_rule(record, "p95")] == [False]
 
 
 def test_a_baseline_is_found_by_whatever_name(tree: Path) -> None:
@@ -235,13 +203,6 @@ def test_patterns_begin_at_the_root_or_below_it_on_the_way_to_the_policy(tmp_pat
     assert gate_in(tmp_path, "repo/guides/released/x.yaml", "--policy", beside)[0] == 1
 
 
-def test_without_a_repository_a_policy_elsewhere_begins_anywhere_below_what_is_common(tmp_path: Path) -> None:
-    write_document(tmp_path / "work" / "released" / "x.yaml", limited(PASSING))
-    rules = write_document(tmp_path / "policies" / "policy.yaml", policy("released/*"))
-    for folder in (tmp_path / "work", tmp_path, tmp_path / "work" / "released", tmp_path / "policies"):
-        assert gate_in(folder, tmp_path / "work" / "released" / "x.yaml", "--policy", rules)[0] == 1
-
-
 def test_over_http_the_names_are_sent() -> None:
     rules = policy("released/*", "order ?A7?/*")
 
@@ -279,8 +240,22 @@ PATTERNS = ("{}/*", "*/{}/*", "{}/*.yaml", "*{}*", "{}/?.yaml")
 OUR_SIGNS = str.maketrans("[]", "??")
 
 
-def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, list[str]]:
-    """A tree with a policy, designs below it in folders of either Unicode form, and links to it and inside of it."""
+def class_of(file: str, classes: list[dict[str, Any]], anywhere: bool) -> str | None:
+    """The first class with a pattern that a file matches: `*` stands for any letters, `?` for one.  Names begin at the
+    root or, where that is not known and the policy lies elsewhere, anywhere on the way."""
+    parts = unicodedata.normalize("NFC", file).split("/")
+    names = ["/".join(parts[k:]) for k in range(len(parts) if anywhere else 1)]
+    for entry in classes:
+        for pattern in entry["files"]:
+            text = re.escape(unicodedata.normalize("NFC", pattern))
+            if any(re.fullmatch(text.replace(r"\*", ".*").replace(r"\?", "."), name) for name in names):
+                return str(entry["name"])
+    return None
+
+
+def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, dict[str, str | None]]:
+    """A tree with a policy, designs below it in folders of either Unicode form, and links to it and inside of it; gives
+    the policy, and the designs with their classes."""
     root = folder / "tree"
     root.mkdir(parents=True)
     if chance.random() < 0.5:
@@ -315,7 +290,8 @@ def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, list[str]]:
     (folder / "link").symlink_to("tree")
     (folder / "far").mkdir()
     (folder / "far" / "way").symlink_to(f"../link/{Path(files[0]).parent}")
-    return root / place, files
+    anywhere = place != "policy.yaml" and not (root / ".git").exists()
+    return root / place, {file: class_of(file, classes, anywhere) for file in files}
 
 
 def draw_ways(chance: random.Random, folder: Path, files: list[str]) -> Iterator[tuple[Path, list[str]]]:
@@ -349,17 +325,18 @@ def scores_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(judge, "score", look)
 
 
-@pytest.mark.long("100")
+@pytest.mark.long("60")
 @pytest.mark.hostile
-@pytest.mark.parametrize("count", [1, 100])
+@pytest.mark.parametrize("count", [10, 60])
 def test_random_trees_are_judged_alike_by_every_name(
     tmp_path: Path, run_seed: int, scores_kept: None, count: int
 ) -> None:
+    """Each design in its class, which is found here by regular expressions.  Error rate: none, whatever is drawn."""
     for seed in range(10_000 * run_seed, 10_000 * run_seed + count):
         chance, folder = random.Random(seed), tmp_path / str(seed)
-        rules, files = draw_tree(chance, folder)
+        rules, expected = draw_tree(chance, folder)
         seen = {}
-        for place, names in draw_ways(chance, folder, files):
+        for place, names in draw_ways(chance, folder, [*expected]):
             given = os.path.relpath(rules, place.resolve()) if chance.random() < 0.5 else str(rules)
             code, record = gate_in(place, *names, "--policy", given)
             designs = [(design.name, design.verdict, design.design_class) for design in record.designs]
@@ -368,3 +345,5 @@ def test_random_trees_are_judged_alike_by_every_name(
         first = next(iter(seen.values()))
         assert all(each == first for each in seen.values()), f"seed {seed}: {seen}"
         assert first[0] in (0, 1, 4)
+        found = {name: each for name, _, each in first[2]}
+        assert found == {f"design {k}": each for k, each in enumerate(expected.values())}, seed

@@ -110,7 +110,8 @@ MATCHES = [
     ("../b/*", "../b/x.yaml", True), ("../b/*", "b/x.yaml", False), ("*/b/*", "../b/x.yaml", False),
     ("../../b/*", "../b/x.yaml", False), ("*", "../x.yaml", False), ("*", "/tmp/x.yaml", False),
     ("*x.yaml", "C:/x.yaml", False), ("A/*", "a/x.yaml", False), ("[ab]/*", "a/x.yaml", False),
-    ("order [A7]/*", "order A/x", False), ("sub/*", "x.yaml", False),
+    ("order [A7]/*", "order A/x", False), ("sub/*", "x.yaml", False), ("gepr\u00fcft/*", "gepru\u0308ft/x", True),
+    ("gepru\u0308ft/*", "gepr\u00fcft/x", True),
 ]  # fmt: skip
 
 

@@ -117,23 +117,6 @@ def test_without_a_page_a_browser_is_led_to_that_of_the_api(monkeypatch: pytest.
         check_problem(client.get("/assets/page-4f1c2a.js"), 404, "not-found")
 
 
-@pytest.mark.long
-def test_the_page_runs_in_chromium_and_asks_nobody_else(client: httpx.Client, browser: Any) -> None:
-    [found] = look(
-        [
-            {
-                "url": str(client.base_url),
-                "ask": [awaited("document.body.textContent.trim()"), "document.body.textContent"],
-            }
-        ]
-    )
-    assert found["messages"] == []
-    assert found["failed"] == []
-    assert found["title"] == "ran"
-    assert found["answers"][1].strip() == client.get("/version").json()["tailstack"]
-    assert all(url.startswith((str(client.base_url), "data:")) for url in found["requests"])
-
-
 # --- the page of the API --------------------------------------------------------------------------
 
 

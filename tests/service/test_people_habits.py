@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from service_scenes import EXAMPLES, ROOT
 
 from people_habits import BINARY, HABITS, HEADERS, PAGE, STEP, make_table, outcome
 from tailstack import load_design
@@ -14,8 +15,8 @@ from tailstack_service.cli.main import main
 from tailstack_service.problems import RequestError
 from tailstack_service.tables import read_table
 
-DATA = Path(__file__).parents[1] / "data"
-FILES = DATA / "people_tables"
+FILES = ROOT / "tests" / "data" / "people_tables"
+DEMO, CARRIER = EXAMPLES / "demo.yaml", EXAMPLES / "integrations" / "step" / "carrier.step"
 
 
 @pytest.mark.parametrize("reader", [*HEADERS, STEP])
@@ -42,23 +43,21 @@ def test_the_page_shows_what_becomes_of_each() -> None:
 def test_decimal_commas_go_out_as_they_came_in(tmp_path: Path) -> None:
     table, back = tmp_path / "designs.csv", tmp_path / "scores.csv"
     table.write_text("variant;views.*.fiducial_noise_px\na;0,25\nb;0,5\n", encoding="utf-8")
-    demo = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
-    assert main(["score", demo, "--batch", str(table), "-o", str(back)]) == 0
+    assert main(["score", str(DEMO), "--batch", str(table), "-o", str(back)]) == 0
     rows = [line.split(";") for line in back.read_text(encoding="utf-8").splitlines()]
     assert [row[1] for row in rows[1:]] == ["0,25", "0,5"]
     assert all("." not in cell for row in rows[1:] for cell in row)
     table.write_text("variant,views.*.fiducial_noise_px\na,0.25\nb,0.5\n", encoding="utf-8")
-    assert main(["score", demo, "--batch", str(table), "-o", str(back)]) == 0
+    assert main(["score", str(DEMO), "--batch", str(table), "-o", str(back)]) == 0
     points = [line.split(",") for line in back.read_text(encoding="utf-8").splitlines()]
     assert [[cell.replace(",", ".") for cell in row] for row in rows[1:]] == points[1:]
 
 
-def test_remarks_of_a_table_of_designs_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_remarks_of_a_table_of_designs_are_said(tmp_path: Path, call: Any) -> None:
     table = tmp_path / "designs.csv"
     table.write_text("variant,views.*.fiducial_noise_px\n#1,0.25\n# a remark\n#2,0.5\n", encoding="utf-8")
-    demo = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
-    assert main(["score", demo, "--batch", str(table)]) == 0
-    out, said = capsys.readouterr()
+    code, out, said = call("score", DEMO, "--batch", table)
+    assert code == 0
     assert [line.split(",")[0] for line in out.splitlines()] == ["variant", "#1", "#2"]
     assert "1 row was left out, as it begins with # and is a remark: line 3" in said
 
@@ -69,34 +68,26 @@ def test_units_in_a_row_are_those_of_the_fields() -> None:
         read_table(io.BytesIO(text), "csv")
 
 
-def test_a_step_file_in_wrong_units_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_step_file_in_wrong_units_is_doubted(tmp_path: Path, call: Any) -> None:
     """A carrier of 80 mm whose file says micrometres."""
-    carrier = Path(__file__).parents[2] / "examples" / "integrations" / "step" / "carrier.step"
-    text = carrier.read_text(encoding="utf-8").replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.MICRO.,.METRE.)")
+    text = CARRIER.read_text(encoding="utf-8").replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.MICRO.,.METRE.)")
     (tmp_path / "small.step").write_text(text, encoding="utf-8")
     for target in ("beads.csv", "design.yaml"):
-        assert main(["convert", str(tmp_path / "small.step"), "-o", str(tmp_path / target)]) == 0
-        assert "the two fiducials farthest apart are" in " ".join(capsys.readouterr().err.split()), target
+        code, _, said = call("convert", tmp_path / "small.step", "-o", tmp_path / target)
+        assert (code, "the two fiducials farthest apart are" in " ".join(said.split())) == (0, True), target
 
 
-def test_lost_names_of_a_step_file_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Any) -> None:
-    carrier = Path(__file__).parents[2] / "examples" / "integrations" / "step" / "carrier.step"
-    content = carrier.read_bytes().replace(b"BEAD1", "\u7403".encode("shift-jis"))
-    (tmp_path / "names.step").write_bytes(content)
-    assert main(["convert", str(tmp_path / "names.step"), "-o", str(tmp_path / "design.yaml")]) in (0, 2)
-    assert "Shift-JIS" in " ".join(capsys.readouterr().err.split())
-    assert "Shift-JIS" in refused(
-        "convert", str(tmp_path / "names.step"), "--name", "BEAD?X", "-o", str(tmp_path / "d.yaml")
-    )
+def test_lost_names_of_a_step_file_are_said(tmp_path: Path, call: Any, refused: Any) -> None:
+    file = tmp_path / "names.step"
+    file.write_bytes(CARRIER.read_bytes().replace(b"BEAD1", "\u7403".encode("shift-jis")))
+    assert "Shift-JIS" in call("convert", file, "-o", tmp_path / "design.yaml")[2]
+    assert "Shift-JIS" in refused("convert", file, "--name", "BEAD?X", "-o", tmp_path / "d.yaml")
 
 
 def test_points_of_slicer_are_taken_whatever_their_name(tmp_path: Path) -> None:
-    demo = (Path(__file__).parents[2] / "examples" / "demo.yaml").read_text(encoding="utf-8")
     for name in ("points.json", "lps.csv", "good.fcsv"):
         (tmp_path / name).write_bytes((FILES / name).read_bytes())
         assert main(["convert", str(tmp_path / name), "-o", str(tmp_path / "again.csv")]) == 0
-        base = tmp_path / "base.yaml"
-        base.write_text(demo, encoding="utf-8")
         made = tmp_path / "made.yaml"
-        assert main(["convert", str(tmp_path / name), "--base", str(base), "-o", str(made)]) == 0
+        assert main(["convert", str(tmp_path / name), "--base", str(DEMO), "-o", str(made)]) == 0
         assert load_design(made).fiducials.positions_mm[0] == (-25, -28, -70)

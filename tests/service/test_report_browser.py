@@ -6,7 +6,6 @@ axe-core looks for what a reader could not use (WCAG 2.2, A and AA): light and d
 from __future__ import annotations
 
 import re
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +13,14 @@ import numpy as np
 import pytest
 from browsing import look, page_of
 from service_scenes import EXAMPLES, client_with, limited
+from test_report_rendering import results
 
-from tailstack import load_design, score, verify
+from tailstack import load_design, score
 from tailstack.geometry.arrays import Array
 from tailstack_service import report
 from tailstack_service.documents import to_json
-from tailstack_service.gate.judge import judge
-from tailstack_service.gate.request import admit_gate
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
-from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.scene import LayoutScene, scene_json, scene_of
 from tailstack_service.report.scene_picture import draw_scene
 
@@ -33,29 +30,8 @@ LEAST_DRAWN = 0.01  # of the canvas is not the ground
 LEAST_COLOURS = 20
 
 
-@cache
-def results() -> dict[str, bytes]:
-    """A result of every kind of page."""
-    from datetime import date
-
-    from tailstack.sweeping import read_axes, sweep
-
-    design, other = load_design(limited(0.9)), load_design(limited(0.5, name="tighter"))
-    axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3, 0.4]}
-    designs = [{"file": "a.yaml", "design": limited(0.9)}, {"file": "b.yaml", "design": limited(0.3)}]
-    made = {
-        "report": compute_report(design, ReportContents(trials=4_000)),
-        "comparison": compute_comparison(design, other, ReportContents(trials=4_000)),
-        "score": score(design),
-        "verification": verify(design, trials=4_000),
-        "sweep": sweep(design, read_axes(design, [axis])),
-        "gate": judge(admit_gate({"designs": designs, "mode": "analytic"}, today=date(2026, 11, 21)).gate),
-    }
-    return {name: to_json(record) for name, record in made.items()}
-
-
-WITH_VIEWER = ("report", "comparison")
-# Each kind in both schemes and at both widths; the two with a viewer show it in all four
+WITH_VIEWER = ("report", "comparison", "optimisation")
+# Each kind in both schemes and at both widths; reports and comparisons, which share a viewer, are four ways together
 USUALLY, OTHERWISE = (("light", WIDE), ("dark", NARROW)), (("dark", WIDE), ("light", NARROW))
 
 

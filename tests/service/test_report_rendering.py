@@ -8,6 +8,7 @@ import io
 import json
 import re
 import sys
+from datetime import date
 from functools import cache
 from html.parser import HTMLParser
 from itertools import pairwise, product
@@ -24,7 +25,7 @@ from service_scenes import EXAMPLES, convert_by_libreoffice, limited, luminance,
 from work_driver import run_job
 
 from plain_data import problems_of
-from tailstack import load_design, score, verify
+from tailstack import load_design, optimise, score, verify
 from tailstack.results import Score
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import to_json
@@ -322,9 +323,9 @@ def test_no_text_becomes_a_formula() -> None:
     assert all(cell.data_type == "s" and cell.quotePrefix for cell in found)
 
 
-def test_every_text_of_the_spreadsheet_fits_into_its_row(every_kind: dict[str, bytes]) -> None:
+def test_every_text_of_the_spreadsheet_fits_into_its_row() -> None:
     """independent: the letters' widths in DejaVu Sans, which is wider than Calibri, and lines broken between words."""
-    for kind, body in every_kind.items():
+    for kind, body in results().items():
         book = openpyxl.load_workbook(io.BytesIO(rendered(kind, body, "xlsx")))
         for page in book.worksheets:
             across = {str(span).split(":")[0]: span for span in page.merged_cells.ranges}
@@ -476,31 +477,22 @@ def test_missing_libraries_are_named(
 # --- every kind of result -------------------------------------------------------------------------
 
 
-KINDS = ("score", "verification", "optimisation", "sweep", "gate", "report")
+KINDS = ("score", "verification", "optimisation", "sweep", "gate", "report", "comparison")
 
 
-@pytest.fixture(scope="module")
-def every_kind(report: Report) -> dict[str, bytes]:
+@cache
+def results() -> dict[str, bytes]:
     """One result of every kind that has chapters."""
-    from datetime import date
-
-    from tailstack import optimise
-
-    design = load_design(limited(0.9))
+    design, other = load_design(limited(0.9)), load_design(limited(5.0, name="looser"))
     axis = {"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3, 0.4]}
-    gate = admit_gate(
-        {"designs": [{"file": "a.yaml", "design": limited(0.9)}, {"file": "b.yaml", "design": limited(5.0)}]},
-        today=date(2026, 11, 21),
-    ).gate
-    pairs = {
-        "score": score(design),
-        "verification": verify(design, trials=4_000),
-        "optimisation": optimise(load_design(small_design()), starts=1),
-        "sweep": sweep(design, read_axes(design, [axis])),
-        "gate": judge(gate),
-        "report": report,
-    }
-    return {name: to_json(record) for name, record in pairs.items()}
+    files = [{"file": f"{limit}.yaml", "design": limited(limit)} for limit in (0.9, 5.0)]
+    few = ReportContents(trials=4_000)
+    made = (
+        score(design), verify(design, trials=4_000), optimise(load_design(small_design()), starts=1),
+        sweep(design, read_axes(design, [axis])), judge(admit_gate({"designs": files}, today=date(2026, 11, 21)).gate),
+        compute_report(design, few), compute_comparison(design, other, few),
+    )  # fmt: skip
+    return dict(zip(KINDS, map(to_json, made), strict=True))
 
 
 @pytest.mark.long("pdf-report", "xlsx-verification", "xlsx-sweep")
@@ -508,21 +500,22 @@ def every_kind(report: Report) -> dict[str, bytes]:
     ("form", "kind"),
     [*product(("html", "xlsx", "json"), KINDS), ("pdf", "report")],  # which is the page, through one printer for all
 )
-def test_every_kind_in_every_format_and_again_the_same(every_kind: dict[str, bytes], form: str, kind: str) -> None:
-    first = rendered(kind, every_kind[kind], form)
+def test_every_kind_in_every_format_and_again_the_same(form: str, kind: str) -> None:
+    record = results()[kind]
+    first = rendered(kind, record, form)
     if form == "html" or kind == "report":  # one writer of XLSX for all kinds
-        assert first == render(kind, every_kind[kind], form)
+        assert first == render(kind, record, form)
     assert len(first) < 4_000_000
     if form == "html":
         page = Page(first)
         assert not page.open
-        assert json.loads(page.record) == json.loads(every_kind[kind])
-        assert hashlib.sha256(every_kind[kind]).hexdigest() in "".join(page.texts)
+        assert json.loads(page.record) == json.loads(record)
+        assert hashlib.sha256(record).hexdigest() in "".join(page.texts)
         assert page.of("svg") or kind == "gate"
         regions = [attributes["aria-label"] for _, attributes in page.elements if attributes.get("role") == "region"]
         assert len(set(regions)) == len(regions), "what a screen reader lists"
     if form == "json":
-        assert first == every_kind[kind]
+        assert first == record
     if form == "xlsx":
         assert openpyxl.load_workbook(io.BytesIO(first)).sheetnames[:2] == ["Summary", "Provenance"]
 

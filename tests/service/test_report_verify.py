@@ -334,9 +334,9 @@ def test_a_changed_page_of_a_pdf_is_found(summary: bytes) -> None:
 
 
 @pytest.mark.long
-def test_a_pdf_that_was_changed_between_its_streams_is_found(summary: bytes) -> None:
+def test_a_pdf_that_was_changed_between_its_streams_is_found(files: dict[str, bytes]) -> None:
     """A drawing of the same length that is clipped away, and a table of places that was changed."""
-    content = summary
+    content = files["pdf"]
     box = re.search(rb"/BBox \[[^\]]*\]", content)
     assert box is not None
     clipped = content[: box.start()] + re.sub(rb"[1-9]", b"0", box.group()) + content[box.end() :]

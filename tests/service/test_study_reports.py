@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 from service_scenes import ROOT, write_json
+from test_report_figures import check_picture
 
 from plain_data import problems_of
 from tailstack import load_design
@@ -27,7 +28,8 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.operations.units.parts import compute_whole
-from tailstack_service.rendering.document import Paragraph
+from tailstack_service.rendering.document import Paragraph, document_text
+from tailstack_service.rendering.text import Page, write_on
 from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLE = load_design(EXAMPLE_DESIGN)
@@ -47,6 +49,13 @@ def body(name: str) -> bytes:
     return compute_whole(OPERATIONS[name], {"design": EXAMPLE_DESIGN, **OPERATIONS[name].example})
 
 
+# What several pictures of one study are called
+DRAWN = {
+    "study-placement": ("number of fiducials", "angle between both beams, deg", "pose"),
+    "study-views": [f"{name}: P95, mm" for name in ("AP, turned", "LAT, turned", "one more like AP")],
+}
+
+
 @pytest.mark.long("html-study-views")
 @pytest.mark.parametrize("name", STUDIES)
 @pytest.mark.parametrize("form", ["html", "xlsx"])
@@ -54,7 +63,11 @@ def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: st
     content = render(name, body(name), form)
     if form == "html":  # its charts are its own; the writer of XLSX is that of all records
         assert content == render(name, body(name), form)
-        assert (b"<svg" in content) == (name != "study-estimators")  # whose numbers are a table
+        pictures = re.findall(r"<svg.*?</svg>", content.decode().partition('id="tailstack-record"')[0], re.DOTALL)
+        assert (pictures != []) == (name != "study-estimators")  # whose numbers are a table
+        for picture in pictures:
+            check_picture(picture)
+        assert [words for words in DRAWN.get(name, ()) if f">{words}<" not in "".join(pictures)] == []
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -64,6 +77,10 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
     document = OPERATIONS[name].document(record_of(name, record), "0" * 64)
     blocks = [block for section in document.sections for block in section.blocks]
     tables = {block.name: block for block in blocks if isinstance(block, Table)}
+    with write_on(Page(details=True)):
+        text = document_text(document)
+    assert max(map(len, text.splitlines())) <= 80
+    assert all(said in " ".join(text.split()) for said in record.get("conclusions", record.get("sentences", ())))
     if name == "study-linearity":
         assert [row.cells[7] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
     elif name == "study-coupling":

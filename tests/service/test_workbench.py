@@ -154,10 +154,16 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
 
 
 @pytest.mark.long
-def test_a_key_is_asked_for_and_kept_in_memory_only(tmp_path: Path, browser: None) -> None:
+def test_a_key_is_asked_for_in_words_for_whoever_sits_at_the_page_and_kept_in_memory_only(
+    tmp_path: Path, browser: None
+) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as running:
         key = running.run("keys", "create", "--tenant", "acme", "--name", "page").strip()
         found = used(running.url, "key", key=key)
+        other = used(running.url, "key", script="state.mjs")
+    assert "asks for an API key" in other["asking"]
+    assert "does not know this key" in other["wrong"]
+    assert "Bearer" not in other["asking"] + other["wrong"]
     assert found["sha"] == load_design(EXAMPLES / "demo.yaml").sha256
     assert key not in found["kept"]
     assert found["download"] == "%PDF-"

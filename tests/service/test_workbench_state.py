@@ -13,7 +13,7 @@ from typing import Any, cast
 import pytest
 import yaml
 from browsing import DEMO, used
-from served import Served, served
+from served import Served
 from service_scenes import EXAMPLES
 
 from dicom_files import write_image
@@ -279,14 +279,3 @@ def test_a_run_whose_result_is_gone_says_so(service: Served) -> None:
     assert (found["state"], found["links"]) == ("gone", 0)
     assert "no longer has its result" in found["shown"]
     assert "run it again" in found["shown"]
-
-
-@pytest.mark.long
-def test_a_wrong_key_is_told_in_words_for_whoever_sits_at_the_page(
-    tmp_path_factory: pytest.TempPathFactory, browser: None
-) -> None:
-    with served(tmp_path_factory.mktemp("key"), TAILSTACK_AUTH="required") as running:
-        found = seen(running, "key")
-    assert "asks for an API key" in found["asking"]
-    assert "does not know this key" in found["wrong"]
-    assert "Bearer" not in found["asking"] + found["wrong"]
