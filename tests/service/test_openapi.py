@@ -20,7 +20,7 @@ import yaml
 from answers import committed_answers, text_with_answers
 from fastapi.routing import iter_route_contexts
 from jsonschema import Draft202012Validator
-from openapi_scenes import DOCUMENT, OPENAPI, changed_document, needs_node, operations
+from openapi_scenes import DOCUMENT, OPENAPI, changed_document, needs_node, operations, parameters
 from openapi_spec_validator import OpenAPIV31SpecValidator
 from rules import violations, without_words
 from service_scenes import ROOT, client_with, small_design
@@ -78,9 +78,9 @@ def test_the_document_is_the_same_committed_generated_and_served(client: httpx.C
     assert client.get("/openapi.json").json() == json.loads(generated)
 
 
-def resolved(node: Any, document: dict[str, Any] = DOCUMENT) -> Any:
+def resolved(node: Any) -> Any:
     """A node with its reference into the components followed."""
-    return rules.resolved(document, node)
+    return rules.resolved(DOCUMENT, node)
 
 
 def component_validator(schema: dict[str, Any]) -> Draft202012Validator:
@@ -102,15 +102,10 @@ def examples_of(path: str, method: str) -> Iterator[tuple[str, Any]]:
             yield media, resolved(example)["value"]
 
 
-def parameters_of(path: str, method: str) -> list[dict[str, Any]]:
-    return [resolved(entry) for entry in DOCUMENT["paths"][path][method].get("parameters", ())]
-
-
 def address_of(path: str, method: str, names: dict[str, str]) -> str:
     """The path with its parameters filled in: with ``names``, otherwise with their examples."""
-    for parameter in parameters_of(path, method):
-        if parameter["in"] == "path":
-            path = path.replace("{" + parameter["name"] + "}", names.get(parameter["name"], parameter.get("example")))
+    for parameter in parameters(path, DOCUMENT["paths"][path][method], "path"):
+        path = path.replace("{" + parameter["name"] + "}", names.get(parameter["name"], parameter.get("example")))
     return path
 
 
@@ -149,9 +144,8 @@ def test_every_example_is_answered_as_documented(
     client: httpx.Client, names: dict[str, str], path: str, method: str
 ) -> None:
     operation = DOCUMENT["paths"][path][method]
-    wished = (
-        {"Prefer": f"wait={WAIT_SECONDS}"} if any(p["name"] == "Prefer" for p in parameters_of(path, method)) else {}
-    )
+    waits = any(parameter["name"] == "Prefer" for parameter in parameters(path, operation, "header"))
+    wished = {"Prefer": f"wait={WAIT_SECONDS}"} if waits else {}
     for media, value in examples_of(path, method):
         content = value if value is None or isinstance(value, str) else json.dumps(value)  # JSON is YAML too
         if media.endswith(("/json", "+json")):

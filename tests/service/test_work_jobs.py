@@ -21,12 +21,11 @@ from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import to_json
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
-from tailstack_service.operations.operation import Operation
 from tailstack_service.operations.perform import perform
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.units import optimisation as units
 from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task
-from tailstack_service.schemas import json_schema, read_record
+from tailstack_service.schemas import read_record
 from tailstack_service.settings import Settings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -211,11 +210,6 @@ def test_a_sweep_in_units_is_the_sweep_in_process(options: dict[str, Any]) -> No
 def test_a_defect_is_raised_and_not_told_to_the_user() -> None:
     with pytest.raises(KeyError):
         perform(Task("verification", canonical({"no design": 1}), ADVANCE))
-
-
-@pytest.mark.parametrize("operation", OPERATIONS.values(), ids=list(OPERATIONS))
-def test_every_operation_answers_with_a_published_schema(operation: Operation) -> None:
-    assert json_schema(operation.name)["$id"] == f"urn:tailstack:schema:{operation.name}:1"
 
 
 def test_canonical_bytes_do_not_depend_on_the_order_of_fields() -> None:
