@@ -227,34 +227,22 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
             assert '"state":"succeeded"' in text
 
 
-@pytest.fixture(scope="module")
-def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Response, list[dict[str, Any]]]:
-    """The worker of a service is killed and a job is asked for: its answer, and what a log for machines says."""
-    folder = tmp_path_factory.mktemp("death")
-    with service(folder, TAILSTACK_LOG_FORMAT="json") as (process, url):
+@pytest.mark.long
+def test_a_worker_that_dies_is_replaced_and_a_log_for_machines_tells_of_it(tmp_path: Path) -> None:
+    """The worker of a service is killed, and a job is asked for."""
+    with service(tmp_path, TAILSTACK_LOG_FORMAT="json") as (process, url):
         await_ready(url)
         first = running_worker(process)
         first.kill()
-        second = running_worker(process, other_than=first.pid)
-        assert second.pid != first.pid
+        assert running_worker(process, other_than=first.pid).pid != first.pid
         headers = {"X-Request-ID": "trace-1", "Prefer": "wait=600"}
         body = {"design": small_design(), "trials": 1000}
         answer = ask("POST", url + "/v1/verifications", json=body, headers=headers)
         process.send_signal(signal.SIGTERM)
-        _, err = said_by(process, folder)
-    return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
-
-
-@pytest.mark.long
-def test_a_worker_that_dies_is_replaced(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
-    answer, lines = after_a_death
+        _, err = said_by(process, tmp_path)
     assert answer.status_code == 200
+    lines = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
     assert [line["kind"] for line in lines if line.get("action") == "child-ended"] == ["worker"]
-
-
-@pytest.mark.long
-def test_a_log_for_machines(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
-    answer, lines = after_a_death
     job = answer.headers["location"].rpartition("/")[2]
     mine = {line["action"]: line for line in lines if line.get("request") == "trace-1"}
     assert {"accepted", "answered"} <= set(mine)
