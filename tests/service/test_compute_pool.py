@@ -203,30 +203,6 @@ def running(program: str, *arguments: str, **options: Any) -> AbstractContextMan
     return started(sys.executable, "-c", program, *arguments, env=make_environment(), **options)
 
 
-PARENT = """
-import json, threading
-from strange_units import FUNCTION, request
-from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes.task import Task
-from waiting import until
-engine = PoolEngine(2, function=FUNCTION)
-future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
-until(lambda: engine.seconds(future))
-print(json.dumps(engine.pids()), flush=True)
-threading.Event().wait()
-"""
-
-
-def test_processes_end_with_their_parent_even_while_they_compute() -> None:
-    """kill -9 of the parent: one process is busy, one idle."""
-    with running(PARENT) as parent:
-        assert parent.stdout is not None
-        pids = json.loads(parent.stdout.readline())
-        assert len(pids) == 2
-        parent.kill()
-        until(lambda: all(gone(pid) for pid in pids))
-
-
 PREPARED = """
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine

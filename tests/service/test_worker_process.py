@@ -150,7 +150,6 @@ threading.Event().wait()
 """
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM])
 def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: signal.Signals) -> None:
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
