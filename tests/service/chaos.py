@@ -173,7 +173,7 @@ class Fleet:
 
 # --- what is done to them -------------------------------------------------------------------------
 
-Units = dict[tuple[str, int], int]  # job, number: how often it was begun
+Units = set[tuple[str, int]]  # job, number
 
 
 @dataclass(slots=True)
@@ -183,7 +183,6 @@ class Kill:
     kind: str
     at: float
     under_way: Units
-    taken: float | None = None  # s, until the first of them was begun again; None if that was not needed
     recovered: float | None = None  # s, until the last of them was recorded
 
 
@@ -225,14 +224,10 @@ class Report:
         if self.looks or self.untrue:
             worst = f"after {max(self.looks):.2f} s at most" if self.looks else "never"
             lines.append(f"  readiness        true {worst}   ({len(self.looks)} changes, {len(self.untrue)} untold)")
-        for word, seconds, what in (
-            ("taken up again", [k.taken for k in self.kills], "first unit that was lost is begun anew"),
-            ("recovered", [k.recovered for k in self.kills], "last unit that was under way there is recorded"),
-        ):
-            known = sorted(second for second in seconds if second is not None)
-            if known:
-                told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
-                lines.append(f"  {word:<16} {told}   (from the kill until the {what}; {len(known)} kills)")
+        if known := sorted(kill.recovered for kill in self.kills if kill.recovered is not None):
+            told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
+            what = "from the kill until the last unit that was under way there is recorded"
+            lines.append(f"  recovered        {told}   ({what}; {len(known)} kills)")
         return "\n".join(lines + [f"  {line}" for line in self.lost + self.different + self.untrue])
 
 
@@ -331,13 +326,13 @@ class Chaos:
 
     def _leased(self, worker_id: str | None = None) -> Units:
         u = tables.units.c
-        query = sa.select(u.job_id, u.number, u.attempts).where(u.state == tables.LEASED)
+        query = sa.select(u.job_id, u.number).where(u.state == tables.LEASED)
         if worker_id is not None:
             query = query.where(u.worker_id == worker_id)
 
         def ask() -> Units:
             with reading(self.db) as connection:
-                return {(row.job_id, row.number): row.attempts for row in connection.execute(query)}
+                return {(row.job_id, row.number) for row in connection.execute(query)}
 
         return self._insist(ask)
 
@@ -347,16 +342,11 @@ class Chaos:
         for kill in self.report.kills:
             if kill.recovered is not None:
                 continue
-            query = sa.select(u.job_id, u.number, u.attempts, u.state)
+            query = sa.select(u.state).where(sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way)))
             with reading(self.db) as connection:
-                rows = connection.execute(query.where(sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way)))).all()
-            since = time.time() - kill.at
-            done = [row.state == "recorded" for row in rows]
-            again = [row.attempts > kill.under_way[row.job_id, row.number] for row in rows]
-            if kill.taken is None and any(again):
-                kill.taken = since
-            if all(done):
-                kill.recovered = since
+                states = connection.execute(query).scalars().all()
+            if all(state == tables.RECORDED for state in states):
+                kill.recovered = time.time() - kill.at
 
     # --- kills --------------------------------------------------------------------------------------
 
@@ -403,7 +393,7 @@ class Chaos:
         serve = self.fleet.processes["serve"]
         family = {child.pid for child in psutil.Process(serve.pid).children()} if serve.poll() is None else set()
         its = [worker.id for worker in self._insist(lambda: workers.list_workers(self.db)) if worker.pid in family]
-        under_way = {unit: begun for name in its for unit, begun in self._leased(name).items()}
+        under_way = set().union(*map(self._leased, its))
         return (under_way, serve.kill) if under_way else None
 
     def _kill_child(self) -> tuple[Units, Callable[[], None]] | None:
