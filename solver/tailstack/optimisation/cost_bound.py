@@ -39,7 +39,7 @@ from ..design import Design
 from ..design.loading import locate_refusals
 from ..geometry.arrays import Array
 from ..kernels.store import kernel
-from ..laws import LAWS
+from ..laws import PARTS
 from ..results import GlobalBound, Relaxation
 from ..results.digits import at_most, number
 from ..system import Law
@@ -72,14 +72,14 @@ NEAR = 0.01  # of the cost of what keeps the limits with L
 MOST_CELLS, LEAST_CELLS = 500, 80  # that are looked into; beside a search besides one for each start and variable
 FIRST = 8  # tangents of the whole box, each nearer to where none pays more than another
 SMALL = 0.03  # of what a relative change of all half-widths saves: one that saves less is held
-PARTS = 64  # of a cell along each half-width, for its least cost
-EDGES = np.linspace(0.0, 1.0, PARTS + 1)
+STEPS = 64  # of a cell along each half-width, for its least cost
+EDGES = np.linspace(0.0, 1.0, STEPS + 1)
 SPREAD = 2.0 ** np.linspace(-2, 2, 9)  # prices that are tried, about the one of the slopes, and then between two
 ON_LIMIT, LEAST_CHANCE = 0.01, 1e-9  # relative, of half-widths; of a probability
 CDF_ERROR, SLOPE_ERROR = 1e-7, 1e-6  # absolute, of a probability, and of a slope of its logarithm
 CERTAIN = 1e-6  # what a probability lacks to 1, of a limit that charges nothing
 ROUNDING = 1e-9  # relative, of the bound
-FORM = {Law.NORMAL: (2, 1)} | {law: (1, 2 if row.parts[1] else 1) for law, row in LAWS.items() if row.parts}  # (m, n)
+FORM = {Law.NORMAL: (2, 1)} | {law: (1, 2 if second else 1) for law, (_, second) in PARTS.items()}  # (m, n)
 
 
 class Allowed(NamedTuple):
@@ -436,7 +436,7 @@ def _least_cost(
     limits charge is concave, and so least at an end.
     """
     edges = low[:, None] + (high - low)[:, None] * EDGES
-    step = (high - low)[:, None] / PARTS / 2
+    step = (high - low)[:, None] / STEPS / 2
     cost = np.array([_cost(free.price, own) for free, own in zip(problem.half_widths, edges, strict=True)])
     exponent = [free.price.exponent * (free.price.curve == "power") for free in problem.half_widths]
     falls = step * np.array(exponent)[:, None]
