@@ -246,15 +246,6 @@ def test_what_a_known_error_of_the_seat_does_to_a_turn_is_in_it() -> None:
                 assert np.trace(covariance) >= images.least(np.eye(3))
 
 
-def test_more_boxes_say_more() -> None:
-    """closed_form: a box that is halved is replaced by its parts, whose bounds are no less."""
-    problem, term = read(written())
-    half_width = present_choice(problem).half_width
-    each = [looks_of(TURNED, most).bound_images(problem, term, half_width).least(np.eye(3)) for most in (4, 10)]
-    assert each == sorted(each)
-    assert each[1] > 1.2 * each[0]
-
-
 def test_slopes_of_a_rotation_are_those_of_differences() -> None:
     """independent: SciPy's rotations; the tangent is off by at most half the square of the step."""
     rng = np.random.default_rng(0)

@@ -55,11 +55,9 @@ from tailstack.optimisation.global_bound import (
     most_known,
     net_of,
     parts_of,
-    slopes_at,
     spread_directions,
     sure_quantile,
 )
-from tailstack.optimisation.mixture import MixedParts
 from tailstack.optimisation.problem import Choice, Survival, apply_choice, present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, Shape, bounding_box, sample
 from tailstack.optimisation.search import explore, prepare_search, search, solve_start
@@ -349,31 +347,6 @@ def replace_number(cells: Cells, number: int) -> Cells:
     return cells._replace(beads=cells.beads._replace(number=number))
 
 
-def test_any_unknowns_bound_what_layouts_know(monkeypatch: pytest.MonkeyPatch) -> None:
-    """closed_form: the inequality holds for every z; a worse one only gives a worse bound."""
-    problem = navigation(6)
-    best = bound_of(problem).value_mm
-
-    def perturbed(parts: MixedParts, directions: Array) -> Array:
-        z = choose_unknowns(parts, directions)
-        spread = np.random.default_rng(0).normal(size=z.shape) * 0.03 * np.abs(z)
-        return np.concatenate([directions, (z + spread)[:, 3:]], axis=1)
-
-    monkeypatch.setattr(global_bound, "choose_unknowns", perturbed)
-    worse = bound_of(problem).value_mm
-    assert 0 < worse < best
-
-
-def test_a_finer_net_only_raises_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """closed_form: the directions of a coarse net are among those of one twice as fine."""
-    information = information_of(navigation(6), first_term(navigation(6)))
-    sizes = []
-    for frequency in (2, 4, 8):
-        monkeypatch.setattr(global_bound, "FREQUENCY", frequency)
-        sizes.append(np.trace(fit_below(find_net(information), np.eye(3))))
-    assert sizes == sorted(sizes)
-
-
 def test_the_net_covers_every_direction() -> None:
     """sampled, never wrong of a net that covers: each of 2,000 directions lies in a cone of a triangle or its
     opposite."""
@@ -628,21 +601,6 @@ def test_a_loss_does_not_hold_it_back() -> None:
     assert told.quantile_mm == pytest.approx(quantile_at(problem, choice.fiducials_mm))
     assert told.gap_percent == pytest.approx(100 * (told.quantile_mm / told.lower_bound_mm - 1))
     assert "Proven." in told.statement
-
-
-def test_slopes_are_those_of_the_projection() -> None:
-    """independent: the displacement of an image when its point moves, by differences."""
-    information, (cells,) = pieces(navigation(6))
-    point, step = cells.centres[5], 1e-4
-    own = slopes_at(information, 0, cells.places[0], np.ones(2, dtype=bool), point[None])
-    there = (cells.places[0] @ np.append(point, 1.0))[:3]
-    for axis in np.eye(3):
-        for v, projection in enumerate(information.projections):
-            ends = [projection @ np.append(there + side * axis, 1.0) for side in (step, -step)]
-            moved = (ends[0][:2] / ends[0][2] - ends[1][:2] / ends[1][2]) / (2 * step)
-            np.testing.assert_allclose(
-                own.moved[0, 2 * v : 2 * v + 2] @ axis, information.whiten[0, v] @ moved, rtol=1e-6, atol=1e-9
-            )
 
 
 def test_before_anything_is_solved_a_design_hears_what_no_layout_reaches() -> None:

@@ -19,7 +19,7 @@ import pytest
 from optimise_documents import BOX, document, free, moving, normal, optimised
 from plain_data import EXAMPLES, problems_of
 from tailstack.design import compile_design, design_to_data, load_design
-from tailstack.errors import DesignError, NotConvergedError, Problem, TailstackError
+from tailstack.errors import DesignError, NotConvergedError, Problem
 from tailstack.optimisation import course, influence, optimise
 from tailstack.optimisation.present import bring_inside, present_design
 from tailstack.optimisation.request import read_request
@@ -184,94 +184,6 @@ def test_stopped_among_the_starts_it_says_after_how_many(starts: int, until: int
     assert certificate.verification.verdict.status == "pass"
 
 
-def random_document(rng: np.random.Generator) -> dict[str, Any]:
-    """A section with a random choice of fields, valid by itself though not always possible."""
-
-    def some(probability: float) -> bool:
-        return bool(rng.random() < probability)
-
-    section: dict[str, Any] = {
-        "starts": 1,
-        "seed": int(rng.integers(1000)),
-        "min_spacing_mm": float(rng.uniform(5, 40)),
-    }
-    shapes: list[dict[str, Any]] = [
-        {"box": BOX},
-        {"cylinder": {"base_mm": [0, 0, -85], "height_mm": 100, "radius_mm": float(rng.uniform(20, 50)),
-                      "inner_radius_mm": float(rng.uniform(0, 20))}},
-        {"ball": {"centre_mm": [0, 0, -40], "radius_mm": float(rng.uniform(30, 60))}},
-    ]  # fmt: skip
-    placed = some(0.7)
-    if placed:
-        section["region"] = shapes[rng.integers(3)]
-        if some(0.3):
-            section["keep_out"] = [{"name": "zone", "clearance_mm": 2, "ball": {
-                "centre_mm": rng.uniform(-50, 50, 3).tolist(), "radius_mm": float(rng.uniform(5, 30))}}]  # fmt: skip
-        if some(0.3):
-            section["symmetry"] = [{"mirror": {"normal": rng.normal(size=3).tolist()}}, {"rotation": {"order": 3}}][
-                rng.integers(2)
-            ]
-        elif some(0.3):
-            section["fixed"] = ["F1", "F4"]
-        if some(0.3):
-            section["count"] = {"min": 6, "max": 7, "cost_per_fiducial": float(rng.uniform(0, 50))}
-    objective = str(rng.choice(["cost", "quantile", "scaling", "pareto"]))
-    if objective == "quantile" and placed and some(0.5):
-        pass  # nothing but the layout
-    else:
-        section["rotation_bounds"] = dict(DEG)
-        if some(0.4):
-            section["translation_bounds"] = {"min_mm": 0.005, "max_mm": 0.2, "cost": {"curve": "reciprocal_square"}}
-        if objective == "cost" and some(0.4):
-            section["tolerances"] = [free("structure_connector", "ry", grades=[
-                {"name": "fine", "half_width_deg": 0.05, "price": 500},
-                {"name": "rough", "half_width_deg": 0.2, "price": 9},
-            ])]  # fmt: skip
-        if objective == "quantile":
-            section["cost_limit"] = float(rng.uniform(600, 4000))
-    section["objective"] = objective
-    if objective == "pareto":
-        section["front"] = {"points": 2}
-    if some(0.3):
-        box = {"min_mm": [0, 0, -145], "max_mm": [0, 0, float(rng.uniform(-140, -60))]}
-        section["pivots"] = [{"interface": "connector_flange", "box": box}]
-    data = document(limit_mm=float(rng.choice([0.5, 0.8, 1.2])), **section)
-    if some(0.3):
-        data["interfaces"]["structure_connector"]["tolerances"]["rx"] = {
-            "half_width_deg": 0.1, "distribution": str(rng.choice(["uniform", "triangular", "bounded"]))
-        }  # fmt: skip
-    if some(0.2):
-        data["requirements"][0] |= {"risk": "per_unit", "min_yield": 0.8}
-    return data
-
-
-def answer(data: dict[str, Any]) -> Optimisation | TailstackError:
-    """Any other exception fails the test."""
-    try:
-        return optimise(load_design(data))
-    except TailstackError as refused:
-        return refused
-
-
-@pytest.mark.long("1", "3", "4")
-@pytest.mark.parametrize("seed", range(6))
-def test_any_valid_section_is_verified_or_refused(seed: int) -> None:
-    """Six draws of fields: a verified record that keeps its limits by the score, or a refusal that says why."""
-    data = random_document(np.random.default_rng(seed))
-    result = answer(data)
-    if isinstance(result, TailstackError):
-        assert result.problems
-        assert all(problem.code and problem.detail for problem in result.problems)
-        return
-    assert result.status == "verified"
-    assert result.certificate.verification.verdict.status == "pass"
-    json.dumps(asdict(result), allow_nan=False)
-    scored = score(load_design(result.design), losses=False)
-    assert scored.targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
-    if data["requirements"][0].get("risk") != "per_unit":
-        assert result.p95_after_mm <= data["requirements"][0]["limit_mm"]
-
-
 SEAT, FLANGE = "structure_connector", "connector_flange"
 
 
@@ -286,21 +198,6 @@ def without_noise(data: dict[str, Any]) -> dict[str, Any]:
         view["fiducial_noise_px"] = 1e-6
     del data["fiducials"]["manufacturing"]
     return data
-
-
-@pytest.mark.long
-def test_no_layout_gets_below_what_the_mechanics_leave() -> None:
-    """independent: the score of the same design with images and fiducials made perfect."""
-    data = document(limit_mm=0.8, **moving())
-    (finding,) = findings(data, "layout-influence")
-    floor = score(load_design(without_noise(data)), losses=False).targets[0].p95_mm
-    assert finding.value == pytest.approx(floor, rel=1e-5)
-    assert (finding.severity, finding.limit, finding.pointer) == ("note", 0.8, "/optimise/box")
-    now = score(load_design(data), losses=False).targets[0].p95_mm
-    assert f"{now:.4g} mm" in finding.message
-    assert f"({100 * (floor / now - 1):+.1f} %)" in finding.message
-    # and the best layout of all, tolerances as they are, is above it
-    assert optimised(document(box=BOX)).p95_after_mm > floor
 
 
 def test_a_layout_that_hardly_matters_is_a_warning() -> None:

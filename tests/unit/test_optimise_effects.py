@@ -20,15 +20,13 @@ from tailstack.design import compile_design
 from tailstack.errors import DesignError, IllPosedError
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem
-from tailstack.optimisation.exact_law import correction_at, evaluate_demand, image_parts
+from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import apply_choice, present_choice
-from tailstack.optimisation.program import Parameters, build_program
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
     estimator_affine,
-    every_terms,
     image_parts_at,
     lay,
     terms_of,
@@ -263,32 +261,3 @@ def test_a_plane_so_small_that_two_poses_explain_its_images_is_no_answer() -> No
     problem = problems_of(optimised, data, error=IllPosedError)[0]
     assert problem.code == "ambiguous-pose"
     assert "view AP" in problem.detail
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("risk", "rel"), [("pooled", 1e-5), ("per_unit", 0.1)])
-def test_the_corrected_programme_has_value_and_slopes_of_the_exact_quantile(risk: str, rel: float) -> None:
-    """independent: differences of the exact quantile of the declared law, along random changes of everything free."""
-    data = with_effect("motion", "pose", **moving(pivots=FREE_PIVOT))
-    for name in ("image field", "temperature", "balls", "known intrinsics"):
-        EFFECTS[name](data)
-    data["requirements"][0] |= {"risk": risk} | ({"min_yield": 0.9} if risk == "per_unit" else {})
-    problem = read_task(load_design(data)).problems[0]
-    program = build_program(problem, every_terms(problem))
-    (term,) = program.terms
-    x = 0.9 * program.join(present_choice(problem))
-    choice = program.split(x)
-    evaluation = evaluate_demand(problem, term, choice)
-    correction = correction_at(problem, term, choice, evaluation, None)
-    vector = Parameters(np.zeros(1), np.zeros((1, 0)), (correction,), np.zeros(0)).vector(program, "main")
-
-    def exact(at: Array) -> float:
-        return 2 * float(np.log(evaluate_demand(problem, term, program.split(at)).exact_mm))
-
-    row, slopes = (part.full() for part in program.jacobian(x, vector))
-    assert row[0, 0] + x[-1] == pytest.approx(exact(x), abs=1e-9)
-    rng, step = np.random.default_rng(2), 1e-4 if risk == "pooled" else 3e-3
-    for _ in range(3):
-        along = rng.normal(size=len(x)) * (np.arange(len(x)) < len(x) - 1)
-        difference = (exact(x + step * along) - exact(x - step * along)) / (2 * step)
-        assert slopes[0] @ along == pytest.approx(difference, rel=rel, abs=rel / 10)

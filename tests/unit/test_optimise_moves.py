@@ -143,7 +143,9 @@ def test_the_smooth_price_has_a_slope_at_home_and_is_never_more_than_the_true_on
 @pytest.mark.parametrize("stay", [{"at_most_mm": 7.0}, {"cost_per_mm": 2.0}])
 def test_starts_are_within_reach_and_give_places_to_the_nearest(stay: dict[str, Any]) -> None:
     problem = read_request(load_design(document(8, **moving(stay=stay)))).problem
-    home = problem.system.fiducials_mm
+    home, wanted = problem.system.fiducials_mm, problem.stay
+    assert wanted is not None
+    assert (wanted.cost_per_mm, wanted.at_most_mm) == (stay.get("cost_per_mm", 0.0), stay.get("at_most_mm", np.inf))
     kinds, groups = [0] * 8, [(i,) for i in range(8)]
     for start in prepare_search(problem, starts=3, seed=4, control=Control(threads=1)).starts:
         layout = layout_of(start.x)
