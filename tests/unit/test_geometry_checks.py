@@ -23,8 +23,6 @@ from tailstack.estimation.checks import (
     closest_two,
     examine,
     imaged_fiducials,
-    sight,
-    sines_between_rays,
 )
 from tailstack.estimation.least_squares import resect_pose
 from tailstack.estimation.resection import project
@@ -208,44 +206,6 @@ def test_fewer_than_two_points_are_not_close_and_points_of_no_size_keep_ten_pixe
     assert closest_two(np.zeros((1, 3))) == (0, 0, np.inf)
     assert closest_two(np.array([[0.0, 0], [np.nan, 0], [3, 4]])) == (0, 2, 5.0)
     assert {check.closest_pair_needs_px for check in check_views(system_of(CUBE))} == {10.0}
-
-
-def test_points_are_seen_where_they_are_projected():
-    """Against the plain projection; one point behind the source, one beside the image; a view of unknown size."""
-    rng = np.random.default_rng(5)
-    view = replace(system_of(CUBE).views[0], image_size_px=(1536, 1024))
-    behind, beside = 3 * camera_centre(view.projection), np.array([[400.0, 0, 0]])
-    points = np.vstack([rng.uniform(-30, 30, (9, 3)), beside, behind])
-    seen = sight(view, points)
-    np.testing.assert_allclose(seen.depth, points @ view.projection[2, :3] + view.projection[2, 3], rtol=1e-13)
-    expected = project(view.projection, points[:10])
-    np.testing.assert_allclose(seen.images[:10], expected, rtol=1e-12)
-    edges = np.hstack([expected + 0.5, np.array([1535.5, 1023.5]) - expected])
-    np.testing.assert_allclose(seen.margin[:10], edges.min(axis=1), atol=1e-9)
-    assert seen.margin[9] < 0
-    assert seen.depth[10] < 0
-    assert np.isnan(seen.images[10]).all()
-    assert np.isnan(seen.margin[10])
-    assert [sight(view, points[:count]).clear for count in (9, 10, 11)] == [True, False, False]
-    unknown = sight(replace(view, image_size_px=None), points)
-    assert np.isnan(unknown.margin).all()
-    assert not unknown.clear
-    assert sight(replace(view, image_size_px=None), points[:10]).clear
-
-
-def test_sines_between_rays_are_those_of_the_cross_products():
-    rng = np.random.default_rng(6)
-    views = [*system_of(CUBE).views, with_noise(0.5)[0]]
-    views[2] = replace(views[2], projection=views[2].projection @ np.block(
-        [[rotation_xyz(np.array([0.2, 0.5, -0.4])), np.array([[5.0], [-9], [3]])], [np.zeros((1, 3)), np.ones((1, 1))]]
-    ))  # fmt: skip
-    targets = rng.uniform(-80, 80, (5, 3))
-    found = sines_between_rays(np.array([view.projection for view in views]), targets)
-    for target_mm, sine in zip(targets, found, strict=True):
-        rays = [target_mm - camera_centre(view.projection) for view in views]
-        rays = [ray / np.linalg.norm(ray) for ray in rays]
-        pairs = ((0, 1), (0, 2), (1, 2))
-        assert sine == pytest.approx(max(np.linalg.norm(np.cross(rays[a], rays[b])) for a, b in pairs), rel=1e-12)
 
 
 @settings(deadline=None)  # the first call may compile

@@ -11,7 +11,7 @@ import pytest
 from plain_data import DEMO, problems_of, replaced
 from plain_trials import simulate
 from scenes import cios_system, cube8_system, installation, random_system, system_of, taken
-from tailstack import load_design, optimise, score, sweep, verify
+from tailstack import load_design, score, verify
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine, find_surely_answered
@@ -21,7 +21,6 @@ from tailstack.montecarlo.estimators import cvar_interval
 from tailstack.montecarlo.plan import compile_plan, hide_fiducials, object_frame, replan
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
 from tailstack.montecarlo.simulate import Run, Simulation
-from tailstack.optimisation import margin
 from tailstack.system import Estimator, Requirement, Triangulation
 from tailstack.verification import Sampling, prepare, verify_prepared
 
@@ -263,47 +262,11 @@ def test_radial_sampling_and_a_quantile_without_a_bound_are_refused():
         verify(missed(system_of(SEVEN), 0.97), trials=2000)
 
 
-@pytest.mark.long
-def test_a_document_is_checked_with_what_it_misses():
-    check = verify(demo(), trials=60_000)
-    none = verify(load_design(DEMO), trials=60_000)
-    assert none.losses is None
-    assert check.targets[0].p95_mm > none.targets[0].p95_mm
-    assert check.losses.trials_with_losses / 60_000 == pytest.approx(1 - 0.98**12, abs=0.01)
-    assert "fiducials mistaken for one another" in check.provenance.not_included
-    assert "fiducials mistaken for one another or missed" in none.provenance.not_included
-    (remark,) = [finding for finding in check.verdict.findings if finding.rule == "missed-fiducials"]
-    assert remark.severity == "note"
-
-
-@pytest.mark.long
-def test_a_sweep_that_simulates_misses_beads_too():
-    noise = {"views.*.fiducial_noise_px": [0.4, 0.8]}
-    swept = sweep(demo(0.05), noise, check="verification", trials=4000)
-    none = sweep(load_design(DEMO), noise, check="verification", trials=4000)
-    for own, whole in zip(swept.points, none.points, strict=True):
-        assert own.targets[0].p95_mm > whole.targets[0].p95_mm
-    assert "fiducials mistaken for one another" in swept.provenance.not_included
-
-
 def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answer():
     numbers = 1.0, 1.2, 2.0, 20_000, 0.95, 3
     low, high = cvar_interval(*numbers)
     assert cvar_interval(*numbers, 1) == (low, np.inf)
     assert high < 1.3
-
-
-@pytest.mark.long
-def test_an_optimum_keeps_its_limit_over_shots_with_beads_missed(monkeypatch):
-    monkeypatch.setattr(margin, "MOST_TRIALS", 2**15)
-
-    def rotations_only(data):
-        one_often(data)
-        del data["optimise"]["box"]
-
-    check = optimise(demo(0.05, rotations_only), starts=1).certificate.verification
-    assert check.losses.trials_with_losses > 0.5 * check.losses.trials
-    assert check.verdict.status == "pass"
 
 
 def test_a_bead_that_is_moved_keeps_its_own_probability():
