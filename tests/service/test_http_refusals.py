@@ -161,7 +161,7 @@ def test_whole_numbers_beyond_every_range_are_told_as_they_came(client: httpx.Cl
         *(("/v1/scores", design, "invalid-design", "") for design in NO_DESIGNS),
         *(
             ("/v1/scores", small_design(fiducials={"file": name}), "invalid-design", "/fiducials/file")
-            for name in ("secret.csv", "/etc/passwd.csv", "../x.mrk.json", "C:\\x.csv")
+            for name in ("secret.csv", "/etc/passwd.csv", "../x.mrk.json", "C:\\x.csv", "http://127.0.0.1/x.csv")
         ),
         *(
             (path, coplanar_design(), "ill-posed-geometry", "/fiducials")
@@ -247,7 +247,8 @@ def test_other_content_types_are_415(client: httpx.Client, path: str, kinds: lis
 
 
 def test_what_no_reader_takes_is_refused(client: httpx.Client) -> None:
-    for text in (b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"):
+    include = b"!include http://127.0.0.1/x"
+    for text in (b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", include, b"*x", b"--- 1\n--- 2", b"\t- x: y"):
         check_problem(client.post("/v1/validations", content=text, headers=YAML), 400, "malformed-document")
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
