@@ -56,7 +56,7 @@ LEASE_SECONDS = 1.0
 AT_ONCE = 4  # unfinished jobs, so that every process has something to lose
 HASTE = 0.25  # of the kills come before the last one has been recovered from
 LOOK_SECONDS = 0.02
-PATIENCE_SECONDS = 300.0  # without any record: something is stuck
+PATIENCE_SECONDS = 300.0  # without a record, or since a kill that is not recovered from: something is stuck
 TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -207,7 +207,8 @@ class Report:
     @property
     def sound(self) -> bool:
         counts = {self.units_needed, self.units_recorded, self.units_counted}
-        return not self.lost and not self.different and not self.untrue and len(counts) == 1
+        recovered = all(kill.recovered is not None for kill in self.kills)
+        return recovered and not self.lost and not self.different and not self.untrue and len(counts) == 1
 
     def text(self) -> str:
         by_kind = Counter(kill.kind for kill in self.kills)
@@ -272,7 +273,7 @@ class Chaos:
         while len(self.report.kills) < kills or self._unfinished():
             if len(self.report.kills) < kills:
                 self._submit()
-                if due is None and (hasty or not self._recovering()):
+                if due is None and (hasty or not self._recovering_since()):
                     due = time.monotonic() + self.random.uniform(*pause)
                 if due is not None and time.monotonic() > due and self._strike(kind):
                     due, hasty, kind = None, self.random.random() < HASTE, next(kinds)
@@ -280,7 +281,7 @@ class Chaos:
             done = self._insist(self._recorded)
             if done != counted:
                 last, counted = time.monotonic(), done
-            if time.monotonic() - last > PATIENCE_SECONDS:
+            if time.monotonic() - last > PATIENCE_SECONDS or self._recovering_since() > PATIENCE_SECONDS:
                 break
             time.sleep(LOOK_SECONDS)
         self._insist(self._watch)
@@ -321,8 +322,9 @@ class Chaos:
         with reading(self.db) as connection:
             return connection.execute(query).scalar_one()
 
-    def _recovering(self) -> bool:
-        return any(kill.recovered is None for kill in self.report.kills)
+    def _recovering_since(self) -> float:
+        """Seconds since the first kill that is not recovered from; 0 where all are."""
+        return max((time.time() - kill.at for kill in self.report.kills if kill.recovered is None), default=0.0)
 
     def _leased(self, worker_id: str | None = None) -> Units:
         u = tables.units.c
@@ -342,10 +344,8 @@ class Chaos:
         for kill in self.report.kills:
             if kill.recovered is not None:
                 continue
-            query = sa.select(u.state).where(sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way)))
-            with reading(self.db) as connection:
-                states = connection.execute(query).scalars().all()
-            if all(state == tables.RECORDED for state in states):
+            under_way = sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way))
+            if self._scalar(sa.select(sa.func.count()).where(under_way, u.state != tables.RECORDED)) == 0:
                 kill.recovered = time.time() - kill.at
 
     # --- kills --------------------------------------------------------------------------------------
