@@ -127,6 +127,7 @@ def main() -> None:
     os.chdir(ROOT)
     chosen = draw(arguments.count, arguments.seed)
     with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)  # tests that are another user read the clone
         room = Path(folder) / "clone"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(room)], check=True)
         sys.path.insert(0, str(room / "tests"))
