@@ -205,10 +205,13 @@ class Report:
     untrue: list[str] = field(default_factory=list)  # states that readiness did not tell of in time
 
     @property
+    def unrecovered(self) -> list[Kill]:
+        return [kill for kill in self.kills if kill.recovered is None]
+
+    @property
     def sound(self) -> bool:
         counts = {self.units_needed, self.units_recorded, self.units_counted}
-        recovered = all(kill.recovered is not None for kill in self.kills)
-        return recovered and not self.lost and not self.different and not self.untrue and len(counts) == 1
+        return not (self.lost or self.different or self.untrue or self.unrecovered) and len(counts) == 1
 
     def text(self) -> str:
         by_kind = Counter(kill.kind for kill in self.kills)
@@ -229,7 +232,8 @@ class Report:
             told = f"p50 {_quantile(known, 0.5):.2f} s, p95 {_quantile(known, 0.95):.2f} s"
             what = "from the kill until the last unit that was under way there is recorded"
             lines.append(f"  recovered        {told}   ({what}; {len(known)} kills)")
-        return "\n".join(lines + [f"  {line}" for line in self.lost + self.different + self.untrue])
+        open_kills = [f"not recovered from: {kill.kind}" for kill in self.unrecovered]
+        return "\n".join(lines + [f"  {line}" for line in self.lost + self.different + self.untrue + open_kills])
 
 
 def _quantile(ordered: Sequence[float], share: float) -> float:
@@ -273,7 +277,7 @@ class Chaos:
         while len(self.report.kills) < kills or self._unfinished():
             if len(self.report.kills) < kills:
                 self._submit()
-                if due is None and (hasty or not self._recovering_since()):
+                if due is None and (hasty or not self.report.unrecovered):
                     due = time.monotonic() + self.random.uniform(*pause)
                 if due is not None and time.monotonic() > due and self._strike(kind):
                     due, hasty, kind = None, self.random.random() < HASTE, next(kinds)
@@ -281,7 +285,8 @@ class Chaos:
             done = self._insist(self._recorded)
             if done != counted:
                 last, counted = time.monotonic(), done
-            if time.monotonic() - last > PATIENCE_SECONDS or self._recovering_since() > PATIENCE_SECONDS:
+            stuck = any(time.time() - kill.at > PATIENCE_SECONDS for kill in self.report.unrecovered)
+            if stuck or time.monotonic() - last > PATIENCE_SECONDS:
                 break
             time.sleep(LOOK_SECONDS)
         self._insist(self._watch)
@@ -322,10 +327,6 @@ class Chaos:
         with reading(self.db) as connection:
             return connection.execute(query).scalar_one()
 
-    def _recovering_since(self) -> float:
-        """Seconds since the first kill that is not recovered from; 0 where all are."""
-        return max((time.time() - kill.at for kill in self.report.kills if kill.recovered is None), default=0.0)
-
     def _leased(self, worker_id: str | None = None) -> Units:
         u = tables.units.c
         query = sa.select(u.job_id, u.number).where(u.state == tables.LEASED)
@@ -341,9 +342,7 @@ class Chaos:
     def _watch(self) -> None:
         """Note which kills have been recovered from by now."""
         u = tables.units.c
-        for kill in self.report.kills:
-            if kill.recovered is not None:
-                continue
+        for kill in self.report.unrecovered:
             under_way = sa.tuple_(u.job_id, u.number).in_(sorted(kill.under_way))
             if self._scalar(sa.select(sa.func.count()).where(under_way, u.state != tables.RECORDED)) == 0:
                 kill.recovered = time.time() - kill.at
