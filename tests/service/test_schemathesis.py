@@ -233,6 +233,7 @@ def test_no_address_is_followed(tmp_path: Path) -> None:
                         if response.status_code == 202:
                             jobs.append({**response.json(), "is_markup": kind == 1})
                 sent += _in_parameters(client, bird, path, method, operation)
+            sent += _in_yaml(client, bird)
             accepted = len(jobs)
             for result, is_markup in _results(client, jobs).items():
                 # a text that is nothing but an address can be followed by a page; the slow forms are for what is markup
@@ -268,6 +269,31 @@ def _in_parameters(client: httpx.Client, bird: Canary, path: str, method: str, o
         if job is not None:  # of the example as it is: what it computes holds no address
             assert client.post(job["links"]["cancel"]).status_code in (202, 409)
     return len(tries)
+
+
+def _in_yaml(client: httpx.Client, bird: Canary) -> int:
+    """Tags, includes and schemas of YAML and JSON that name an address."""
+    address = bird.address("yaml")
+    documents = [
+        f"!include {address}\n",
+        f"!!python/object/apply:urllib.request.urlopen ['{address}']\n",
+        f"schema: tailstack/design/1\nname: a\nfiducials: {{file: '{address}'}}\n",
+        json.dumps({"$schema": address, "$ref": address, "design": {"$ref": address}}),
+        f'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b SYSTEM "{address}">]><a>&b;</a>',
+    ]
+    posts = [path for path, method, operation in operations() if method == "post" and json_examples(operation)]
+    for path in posts:
+        for document in documents:
+            for media in ("application/yaml", "application/json"):
+                response = client.post(path, content=document, headers={"Content-Type": media})
+                assert 400 <= response.status_code < 500, response.text
+    for document in documents:
+        for path, body in (
+            ("/v1/gates", {"designs": [{"file": "a", "text": document}], "mode": "analytic"}),
+            ("/v1/conversions", {"format": "yaml", "content": document}),
+        ):
+            assert 400 <= client.post(path, json=body).status_code < 500
+    return 2 * (len(posts) + 1) * len(documents)
 
 
 def _results(client: httpx.Client, jobs: list[dict[str, Any]]) -> dict[str, bool]:

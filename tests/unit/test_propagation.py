@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,8 @@ from tailstack.propagation.linear import (
     estimation_of,
     linearise,
 )
-from tailstack.propagation.noise import eliminate_for, gains_after, gains_of_images, room_for, room_for_gains
-from tailstack.system import LINEAR, Reading, View
+from tailstack.propagation.noise import assemble, eliminate_for, gains_after, gains_of_images, room_for, room_for_gains
+from tailstack.system import LINEAR, Estimator, Reading, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 
@@ -139,6 +140,20 @@ def test_triangulation_alone_against_the_closed_form():
         assert np.allclose(got, case[place][key], rtol=case["tol_rel"])
 
 
+@pytest.mark.long
+def test_compiled_and_plain_source_give_the_same_digits():
+    system = random_system(np.random.default_rng(3), fiducials=7)
+    shifts = np.random.default_rng(4).normal(size=(2, 16, 3))
+    for estimator, form in product(Estimator, Triangulation):
+        system = replace(system, estimator=estimator, triangulation=form)
+        given = chain_of(system).imaging, system.sees, system.targets[0].position_mm, shifts
+        compiled = gains_of_images(*given)
+        plain = [np.zeros_like(each) for each in compiled]
+        assemble(*given, *plain)
+        for one, other in zip(compiled, plain, strict=True):
+            assert np.allclose(one, other, rtol=1e-8, atol=1e-11)
+
+
 def test_what_eq16_drops_and_how_far_a_target_lies_are_those_of_sums_written_down():
     """Eq 16's covariance of manufacturing against the plain gains of each view, turned as the structure is."""
     rng = np.random.default_rng(9)
@@ -160,6 +175,16 @@ def test_what_eq16_drops_and_how_far_a_target_lies_are_those_of_sums_written_dow
     model = linearise(system, system.targets[0])
     away = np.linalg.norm(model.reconstructed_mm - points.mean(axis=0))
     assert model.extrapolation == pytest.approx(away / radius, rel=1e-12)
+
+
+@pytest.mark.long
+def test_points_that_determine_nothing_have_gains_that_are_not_finite():
+    system = random_system(np.random.default_rng(3), fiducials=7)
+    projections = np.stack([v.projection for v in system.views])
+    flat = system.fiducials_mm * [1.0, 1.0, 0.0]
+    imaging = chain_of(system).imaging._replace(projections=projections, points=flat, manufactured=False)
+    gains, _ = gains_of_images(imaging, system.sees, system.targets[0].position_mm, np.zeros((2, 16, 0)))
+    assert not np.isfinite(gains).all()
 
 
 @pytest.mark.parametrize("form", list(LINEAR))
