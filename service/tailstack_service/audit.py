@@ -16,8 +16,7 @@ from typing import Any, Literal
 from tailstack import __version__
 from tailstack.design import Design, compile_design, load_design
 from tailstack.design.loading import read_source
-from tailstack.design.refusals import escape
-from tailstack.errors import DesignError, LimitError, Problem
+from tailstack.errors import DesignError, LimitError, Problem, escape
 from tailstack.verification import SHOTS, UNITS
 
 from .documents import plain

@@ -35,8 +35,7 @@ from .design.document import Interface
 from .design.frames import find_detector
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
-from .design.refusals import escape
-from .errors import Problem, TailstackError, describe_refusal
+from .errors import Problem, TailstackError, describe_refusal, escape
 from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, domain_of
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores

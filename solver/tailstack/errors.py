@@ -8,8 +8,19 @@ line as text; neither adds to what is said here.
 from __future__ import annotations
 
 import copyreg
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple
+
+
+def escape(step: str | int) -> str:
+    """One reference token of an RFC 6901 pointer."""
+    return str(step).replace("~", "~0").replace("/", "~1")
+
+
+def write_pointer(steps: Iterable[str | int]) -> str:
+    """The RFC 6901 pointer of the place that these steps lead to."""
+    return "".join("/" + escape(step) for step in steps)
 
 
 class Edit(NamedTuple):

@@ -130,8 +130,11 @@ def leave_out_later(*later: str) -> Any:
 
     @model_serializer(mode="wrap")
     def write_as_before(self: Record, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        data, least = write(self), usual(type(self))
-        return {name: value for name, value in data.items() if name not in least or value != least[name]}
+        data: dict[str, Any] = write(self)
+        for name, least in usual(type(self)).items():
+            if name in data and data[name] == least:
+                del data[name]
+        return data
 
     return write_as_before
 

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ValidationError
 
 from tailstack.design import Design
 from tailstack.design.reading import show
-from tailstack.design.refusals import escape, place, refuse
-from tailstack.errors import Problem
+from tailstack.design.refusals import place, refuse
+from tailstack.errors import Problem, escape
 from tailstack.measures import MEASURE
 from tailstack.version import __version__
 

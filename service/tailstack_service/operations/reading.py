@@ -13,8 +13,8 @@ from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
 from tailstack.design.reading import DocumentSource, show
-from tailstack.design.refusals import escape, place, refuse
-from tailstack.errors import DesignError, LimitError, Problem
+from tailstack.design.refusals import place, refuse
+from tailstack.errors import DesignError, LimitError, Problem, escape
 
 from ..documents import from_plain, plain, to_json
 from ..gate.reading import LIMITS

@@ -27,8 +27,8 @@ from tailstack.design.reading import (
     read_text,
     show,
 )
-from tailstack.design.refusals import describe_value, pointer
-from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.design.refusals import describe_value
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError, write_pointer
 from tailstack.field_names import cure_name, find_renamings
 from tailstack.people_tables import KEPT_ENDS, read_plain_number
 from tailstack.results.json_text import write_json
@@ -186,11 +186,11 @@ def _translate(entry: Any, known: list[str], options: type[BaseModel]) -> Proble
             )
             hint = _example((holder,), options) if holder and name not in known else ""
         hint = hint or cure_name(name, known, entry.get("input"), otherwise=f"known: {', '.join(known)}")[0]
-        return Problem(pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
+        return Problem(write_pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":
         detail = f"the field {str(path[-1])!r} is required"
         hint = _example(path, options) or "GET /openapi.json describes it"
-        return Problem(pointer(path[:-1]), "missing-field", detail, hint)
+        return Problem(write_pointer(path[:-1]), "missing-field", detail, hint)
     problem = describe_value(entry, path)
     if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
         return replace(problem, hint=_example(path, options))
@@ -235,7 +235,7 @@ def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
             otherwise = f"known: {', '.join(known)}" if known else "this operation takes none"
             hint = hint or cure_name(name, known, read_plain_number(text), otherwise=otherwise)[0]
             detail = f"there is no query parameter {name[:60]!r}"
-            raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
+            raise RequestError(Problem(write_pointer([name[:60]]), "unknown-parameter", detail, hint))
 
 
 def single(query: Query, name: str) -> str | None:
@@ -266,7 +266,7 @@ def _read_list(option: TypedOption, given: Sequence[str]) -> list[Any]:
     try:
         return [entry for text in given for entry in option.read(text)]
     except argparse.ArgumentTypeError as error:
-        raise RequestError(Problem(pointer([option.query_name]), "bad-parameter", str(error))) from None
+        raise RequestError(Problem(write_pointer([option.query_name]), "bad-parameter", str(error))) from None
 
 
 def from_text(text: str, schema: dict[str, Any]) -> Any:

@@ -9,8 +9,7 @@ from math import isfinite
 from typing import Any
 
 from tailstack.design import Design, compile_design, load_design
-from tailstack.design.refusals import escape
-from tailstack.errors import Problem
+from tailstack.errors import Problem, escape
 from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Score, Verification

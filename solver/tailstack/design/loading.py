@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ..cures import find_nearest
-from ..errors import DesignError, LimitError, Problem, TailstackError
+from ..errors import DesignError, LimitError, Problem, TailstackError, write_pointer
 from ..field_names import is_numeric
 from ..fields import Record
 from ..results.json_text import write_json
@@ -62,7 +62,6 @@ from .reading import (
     show,
 )
 from .refusals import place, refuse
-from .refusals import pointer as write_pointer
 from .surface_files import ENDING, MOST_BYTES, REPAIR, digest, pack
 
 SEAT_READER = "tailstack.integrations.step.seat"  # found by its name: it lies behind this on the way of the data
@@ -207,8 +206,9 @@ def _check(reader: _FileReader) -> Design:
     _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
     fiducials, _ = reader.fiducials(document)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
-    for each in (document, written):
-        _freeze_lists(each)
+    _freeze_lists(written)
+    if document is not written:
+        _freeze_lists(document)
     return Design(document, fiducials, replace(source, data=freeze(data)), written)
 
 

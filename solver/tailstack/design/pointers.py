@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..cures import find_nearest
-from ..errors import Problem, TailstackError
+from ..errors import Problem, TailstackError, escape
 from ..field_names import Renaming, find_renamings, is_numeric, say_renaming
-from .refusals import escape, records_on
+from .refusals import records_on
 
 EVERY = "*"
 Place = tuple[str | int, ...]  # the steps to a value

@@ -35,7 +35,7 @@ import numpy as np
 import yaml
 
 from ..cures import find_nearest
-from ..errors import DesignError, LimitError, Problem
+from ..errors import DesignError, LimitError, Problem, write_pointer
 from ..people_tables import encoding_of
 from ..results.json_text import find_repeated, write_json
 from .numbers import plain_array
@@ -182,7 +182,7 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
         raise LimitError(
             problem("too-large", f"the document is longer than {limits.document_bytes} characters", file=file)
         )
-    _refuse_surrogates(text, "", file)
+    _refuse_surrogates(text, (), file)
     text = text.removeprefix("\ufeff")
     if (file or form != "json") and (found := _REORDERS.search(text)):  # JSON without a file is between programs
         raise DesignError(_unseen_problem(text, found.start(), file, IN_QUOTES))
@@ -237,41 +237,38 @@ def plain_data(value: Any, limits: Limits) -> Any:
     """
     count = 0
 
-    def copy(item: Any, path: str, depth: int) -> Any:
+    def copy(item: Any, path: tuple[str | int, ...]) -> Any:
         nonlocal count
         count += 1
-        if depth > limits.depth or count > limits.nodes:
+        if len(path) > limits.depth or count > limits.nodes:
             raise LimitError(size_problem(limits, None, None))
         if isinstance(item, np.generic | np.ndarray):
-            item = plain_array(item, path)
-        if type(item) is float:
+            item = plain_array(item, write_pointer(path))
+        kind = type(item)
+        if kind is float:
             return item + 0.0
-        if isinstance(item, FrozenMapping | FrozenList):  # of a design: plain already
+        if kind is FrozenMapping or kind is FrozenList:  # of a design: plain already
             return item
-        if isinstance(item, Mapping):
+        if kind is dict or isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):
-                    raise DesignError(Problem(path, "bad-key", f"keys are texts; got {show(key)}"))
+                    raise DesignError(Problem(write_pointer(path), "bad-key", f"keys are texts; got {show(key)}"))
                 if len(key) > LONGEST_KEY:
-                    raise LimitError(replace(_long_key_problem(key, None, None), pointer=path))
-                _refuse_surrogates(key, path, None)
-            return {
-                key: copy(child, f"{path}/{key.replace('~', '~0').replace('/', '~1')}", depth + 1)
-                for key, child in item.items()
-            }
-        if isinstance(item, list | tuple):
-            return [copy(child, f"{path}/{index}", depth + 1) for index, child in enumerate(item)]
-        if isinstance(item, int) and not isinstance(item, bool) and item.bit_length() > 64:
+                    raise LimitError(replace(_long_key_problem(key, None, None), pointer=write_pointer(path)))
+                _refuse_surrogates(key, path)
+            return FrozenMapping({key: copy(child, (*path, key)) for key, child in item.items()})
+        if kind is list or isinstance(item, list | tuple):
+            return FrozenList([copy(child, (*path, index)) for index, child in enumerate(item)])
+        if kind is str:
+            _refuse_surrogates(item, path)
+        elif kind is int and item.bit_length() > 64:
             return _vast(item)
-        if isinstance(item, str):
-            _refuse_surrogates(item, path, None)
-        if item is None or type(item) in (str, int, bool, Vast):
+        if item is None or kind in (str, int, bool, Vast):
             return item
-        raise DesignError(
-            Problem(path, "unsupported-value", f"a document holds texts, numbers, lists and mappings; got {show(item)}")
-        )
+        detail = f"a document holds texts, numbers, lists and mappings; got {show(item)}"
+        raise DesignError(Problem(write_pointer(path), "unsupported-value", detail))
 
-    return copy(value, "", 0)
+    return copy(value, ())
 
 
 def _vast(number: int) -> Vast:
@@ -281,12 +278,13 @@ def _vast(number: int) -> Vast:
         return Vast("-" if number < 0 else "+")
 
 
-def _refuse_surrogates(text: str, path: str, file: str | None) -> None:
+def _refuse_surrogates(text: str, path: tuple[str | int, ...], file: str | None = None) -> None:
     """Half a surrogate pair is not text: it can be neither written nor hashed."""
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise DesignError(Problem(path, "not-text", "the text holds half a surrogate pair", file=file)) from None
+        detail = "the text holds half a surrogate pair"
+        raise DesignError(Problem(write_pointer(path), "not-text", detail, file=file)) from None
 
 
 def _from_json(text: str, limits: Limits, file: str | None) -> Any:
@@ -579,7 +577,7 @@ class _Builder:
             return
         # of every collection that is open, the element or field that is being read; of the last, the one before
         steps = [len(item.data) if isinstance(item.data, list) else (item.key or ("",))[0] for item in self._stack[:-1]]
-        at = "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in (*steps, field))
+        at = write_pointer((*steps, field))
         hint = f"if {value},{key} is one number, write it with a point: {value}.{key}"
         where = Problem(at, "bad-key", f"keys are texts; got {show(key)}", hint)
         raise DesignError(replace(where, file=self.file, line=mark.line + 1, column=mark.column + 1))

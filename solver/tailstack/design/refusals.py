@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from ..cures import ask_meant, cure_list, cure_pair, cure_range, cure_text, cure_zone
-from ..errors import DesignError, Edit, Problem
+from ..errors import DesignError, Edit, Problem, write_pointer
 from ..field_names import cure_name, is_numeric, write_value
 from ..fields import Pose, describe_fields
 from .bead_noise import BeadNoise
@@ -46,16 +46,6 @@ PATTERNS = {  # what a text that does not match does wrong
     r"^([^*\x00-\x1f\x7f]*\*){0,10}[^*\x00-\x1f\x7f]*$": "holds more than ten *, or a control character",
     r"^\d{4}-\d{2}-\d{2}$": "is not a date of the form YYYY-MM-DD",
 }
-
-
-def escape(step: str | int) -> str:
-    """One reference token of an RFC 6901 pointer."""
-    return str(step).replace("~", "~0").replace("/", "~1")
-
-
-def pointer(path: Sequence[str | int]) -> str:
-    """RFC 6901 pointer of a path."""
-    return "".join("/" + escape(step) for step in path)
 
 
 def place(problem: Problem, source: DocumentSource) -> Problem:
@@ -164,14 +154,15 @@ def _translate(entry: Any, root: type[BaseModel], data: Any) -> Problem:
     if kind == "missing" and isinstance(path[-1], int):
         count = len(get_args(_kind_at(raw[:-1], root)))
         detail = f"needs {count} entries" if count else "the list has too few entries"
-        return Problem(pointer(path[:-1]), "too-short", f"{detail}; got {show(value)}", _cure_matrix(field, value))
+        detail = f"{detail}; got {show(value)}"
+        return Problem(write_pointer(path[:-1]), "too-short", detail, _cure_matrix(field, value))
     if kind == "missing":
         example = _example(raw, root)
-        return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
+        return Problem(write_pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
     problem, hint = describe_value(entry, path), ""
     if problem.code == "wrong-type" and kind in _WANTED:
         if value in (float("inf"), float("-inf")):
-            return Problem(pointer(path), "out-of-range", "the number is too large")
+            return Problem(write_pointer(path), "out-of-range", "the number is too large")
         owner = _model_at(raw, root)
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
@@ -201,7 +192,7 @@ def _translate(entry: Any, root: type[BaseModel], data: Any) -> Problem:
 
 def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     """What one of pydantic's errors says of a value at a path, in our words: any but a field's absence or name."""
-    kind, value, context, at = entry["type"], entry.get("input"), entry.get("ctx", {}), pointer(path)
+    kind, value, context, at = entry["type"], entry.get("input"), entry.get("ctx", {}), write_pointer(path)
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if isinstance(value, Vast):
         return Problem(at, "out-of-range", f"the number is too large; got {show(value)}")
@@ -238,7 +229,7 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
         )
         return Problem(at, "bad-text", f"the text {detail}; got {show(value)}")
     inside = [step for step in str(context.get("at", "")).split("/") if step]
-    return Problem(pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))
+    return Problem(write_pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))
 
 
 _BEAMS = {  # orientations that have no name here
@@ -395,9 +386,9 @@ def _refuse_unknown(
         hint, fix = cure_name(name, fields, value, own, around, known)
     edits: tuple[Edit, ...] = ()
     if fix is not None:
-        edits = (Edit("remove", pointer(path)), Edit("add", pointer([*path[:-1], fix.field]), fix.value))
+        edits = (Edit("remove", write_pointer(path)), Edit("add", write_pointer([*path[:-1], fix.field]), fix.value))
     detail = f"unknown field {name[:60]!r}; got {show(value)}"
-    return Problem(pointer(path), "unknown-field", detail, hint, fix=edits)
+    return Problem(write_pointer(path), "unknown-field", detail, hint, fix=edits)
 
 
 def records_on(data: Any, path: Sequence[str | int]) -> tuple[dict[str, Any], dict[str, Any]]:
