@@ -190,8 +190,9 @@ def list_levers(
     if section is not None and not (section.pivots or section.views):
         moves = any(each is not None for each in (section.box, section.region, section.regions))
         best = [_narrow(model, {name for name, _ in least}, least) for model in (placed if moves else models)]
-        left = _leading(max(best, key=lambda model: worth_of(requirement, model)), error)
-        add("together", f"all that optimise frees; then {left}", "bound", best)
+        values = [worth_of(requirement, model) for model in best]
+        left = _leading(best[int(np.argmax(values))], error)
+        add("together", f"all that optimise frees; then {left}", "bound", best, values)
     return tuple(sorted(levers, key=lambda lever: lever.value))
 
 
@@ -203,7 +204,7 @@ def worth_of(requirement: Requirement, model: ErrorModel) -> float:
         level = requirement.level or Drawn.UNIT
         return risk_of_units(model, at, p, None, requirement.units_fraction, level).value_mm
     if requirement.row.of_law is None:
-        return law_quantile(at.law, p).quantile_mm
+        return law_quantile(at.law, p, fine=False).quantile_mm
     return requirement.row.of_law(LawReading(at.law, p, requirement.limit)) or 0.0
 
 

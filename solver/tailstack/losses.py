@@ -25,7 +25,7 @@ from .estimation.checks import examine, fewest_fiducials
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .laws import BOUNDED
-from .measures import MEASURE
+from .measures import MEASURE, POINTS
 from .propagation.linear import (
     Chain,
     ErrorModel,
@@ -188,7 +188,8 @@ class LossSearch:
         self.every = models_of(chain.system, models)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
         # In the arrays behind the targets: of what is made of the errors there, each vector by itself.
-        vectors = [(*each.key, end) for each in chain.system.derived_metrics for end in range(each.measure.vectors)]
+        derived = [each for each in self.metrics.values() if each.measure not in POINTS]
+        vectors = [(*each.key, end) for each in derived for end in range(each.measure.vectors)]
         self.joined = {key: k for k, key in enumerate(vectors, len(models))}
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)

@@ -143,15 +143,19 @@ def _list_ranges(record: type[BaseModel]) -> tuple[tuple[str, tuple[Range, ...],
 _UNCALLED = ("interfaces", "transforms", "execution", "tolerances", "rotation_deg", "views", "targets", "points")
 
 
-def list_numbers(
-    value: Any, told: Mapping[str, Range] | None = None, pointer: str = "", name: str = ""
-) -> Iterator[Number]:
-    """Every number of a record that has a plausible range.  ``told``: ranges that records above it state, by unit."""
-    told = told or {}
+def list_numbers(document: DesignDocument) -> list[Number]:
+    """Every number of a document that has a plausible range."""
+    numbers: list[Number] = []
+    _add_numbers(numbers, document, {}, "", "")
+    return numbers
+
+
+def _add_numbers(numbers: list[Number], value: Any, told: Mapping[str, Range], pointer: str, name: str) -> None:
+    """Those of a record, or of each of a list.  ``told``: ranges that records above it state, by unit."""
     if isinstance(value, list):
         for index, each in enumerate(value):
             own = getattr(each, "name", None) or getattr(each, "label", None) or str(index + 1)
-            yield from list_numbers(each, told, f"{pointer}/{index}", f"{name} {own}".strip())
+            _add_numbers(numbers, each, told, f"{pointer}/{index}", f"{name} {own}".strip())
         return
     if not isinstance(value, BaseModel):
         return
@@ -163,7 +167,7 @@ def list_numbers(
         if deep and isinstance(below, BaseModel | list):
             inner = {each.unit: each for each in found} | dict(told)
             known = name if field in _UNCALLED else f"{name} {field}".strip()
-            yield from list_numbers(below, inner, f"{pointer}/{field}", known)
+            _add_numbers(numbers, below, inner, f"{pointer}/{field}", known)
         elif found:
             meant = told.get(found[-1].unit, found[-1]) if found[-1].unit else found[-1]
             if isinstance(meant, Meant):
@@ -172,10 +176,10 @@ def list_numbers(
         at, called = f"{pointer}/{field}", f"{name} {field}".strip()
         if isinstance(below, list) or (isinstance(below, tuple) and not meant.together):
             for index, each in enumerate(below):
-                yield Number(f"{at}/{index}", f"{called} {index + 1}", each, abs(each), meant)
+                numbers.append(Number(f"{at}/{index}", f"{called} {index + 1}", each, abs(each), meant))
             continue
         alike = [other for _, other, same in plain if same is meant] if meant.together else [below]
-        yield Number(at, called, below, max(map(_largest, alike)), meant)
+        numbers.append(Number(at, called, below, max(map(_largest, alike)), meant))
 
 
 def _largest(value: Any) -> float:

@@ -14,9 +14,11 @@ def along_row(name: str, row: int) -> Sites:
     def sites(design: Measured) -> tuple[Site, ...]:
         import numpy as np
 
+        if not (named := dict.fromkeys(chain.from_iterable(design.demands.get(name, ())))):
+            return ()
         weights = np.zeros((3, 6))
         weights[0, row] = 1.0
-        return tuple(Site(at, {at: weights}) for at in dict.fromkeys(chain.from_iterable(design.demands.get(name, ()))))
+        return tuple(Site(at, {at: weights}) for at in named)
 
     return sites
 

@@ -201,7 +201,9 @@ def on_each_side(base: Measure, sites_of: Callable[[str], Sites] | None = None) 
         def sites(design: Measured) -> tuple[Site, ...]:
             import numpy as np
 
-            asked, half = set(chain.from_iterable(design.demands.get(name, ()))), np.full(1, np.inf)
+            if not (asked := set(chain.from_iterable(design.demands.get(name, ())))):
+                return ()
+            half = np.full(1, np.inf)
             return tuple(
                 replace(site, weights={at: sign * rows for at, rows in site.weights.items()}, room=half, doubt=ONE_SIDE)
                 for site in (sites_of(name) if sites_of else base.sites)(design)
