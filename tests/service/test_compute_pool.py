@@ -347,14 +347,17 @@ def test_the_processor_time_of_a_process_is_that_of_its_threads_in_both_modes(
 ) -> None:
     """published: proc(5): after the name state, 10 fields, ticks in user and in kernel mode; those of its children."""
     monkeypatch.setattr(birth, "Path", lambda path: tmp_path / path.lstrip("/"))
-    threads = {
-        "7": "7 (name) of) S 1 1 1 0 -1 4 900 901 902 903 30 5 6000 7000 20 0",
-        "8": "8 (b) S" + " 0" * 10 + " 2 1",
+    texts = {
+        "": "7 (name) of) S 1 1 1 0 -1 4 900 901 902 903 32 6 6000 7000 20 0",
+        "task/7": "7 (name) of) S" + " 0" * 10 + " 30 5",
+        "task/8": "8 (b) S" + " 0" * 10 + " 2 1",
     }
-    for thread, text in threads.items():
-        (tmp_path / "proc/7/task" / thread).mkdir(parents=True)
-        (tmp_path / "proc/7/task" / thread / "stat").write_text(text)
-    assert birth.read_processor_time(7) == ((30 + 5 + 2 + 1) / birth.TICKS_A_SECOND, False)
+    for folder, text in texts.items():
+        (tmp_path / "proc/7" / folder).mkdir(parents=True, exist_ok=True)
+        (tmp_path / "proc/7" / folder / "stat").write_text(text)
+    assert birth.read_processor_time(7) == (32 + 6) / birth.TICKS_A_SECOND
+    assert not birth.waits_for_system(7)
     (tmp_path / "proc/7/task/8/stat").write_text("8 (b) D" + " 0" * 10 + " 2 1")
-    assert birth.read_processor_time(7) == (38 / birth.TICKS_A_SECOND, True)
+    assert birth.waits_for_system(7)
     assert birth.read_processor_time(9) is None
+    assert not birth.waits_for_system(9)

@@ -349,7 +349,10 @@ def describe_ending(code: int) -> str:
 PR_SET_PDEATHSIG = 1
 OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
 RESIDENT = 1  # field of /proc/PID/statm: what is in memory
-WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
+WAITS_FOR_SYSTEM = (
+    ["R"],
+    ["D"],
+)  # states of a thread that waits for a processor or a disk, which is no fault of its own
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
 
@@ -385,20 +388,25 @@ def limit_memory(most_bytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
-def read_processor_time(pid: int) -> tuple[float, bool] | None:
-    """(seconds that all threads of a process have used, whether one of them waits for the system).
+def read_processor_time(pid: int) -> float | None:
+    """Seconds that all threads of a process have used, of those that have ended, too; None where it has itself, and
+    elsewhere."""
+    fields = _read_stat(f"/proc/{pid}/stat")
+    return (int(fields[11]) + int(fields[12])) / TICKS_A_SECOND if fields else None
 
-    None where it, or one of its threads, has just ended, and elsewhere.
-    """
-    ticks, waits, tasks = 0, False, Path(f"/proc/{pid}/task")
-    if not ON_LINUX:
-        return None
+
+def waits_for_system(pid: int) -> bool:
+    """Whether a thread of a process does."""
     try:
-        for thread in os.listdir(tasks):
-            # The name in parentheses may hold anything; state, then 10 fields, then ticks in user and kernel mode
-            fields = (tasks / thread / "stat").read_text().rpartition(")")[2].split()
-            waits |= fields[0] in WAITS_FOR_SYSTEM
-            ticks += int(fields[11]) + int(fields[12])
-    except (OSError, IndexError, ValueError):
-        return None
-    return ticks / TICKS_A_SECOND, waits
+        threads = os.listdir(Path(f"/proc/{pid}/task")) if ON_LINUX else []
+    except OSError:  # it has ended
+        return False
+    return any(_read_stat(f"/proc/{pid}/task/{thread}/stat")[:1] in WAITS_FOR_SYSTEM for thread in threads)
+
+
+def _read_stat(file: str) -> list[str]:
+    """State, 10 fields, ticks in user and in kernel mode and what follows; none of what is not there."""
+    try:
+        return Path(file).read_text().rpartition(")")[2].split() if ON_LINUX else []  # the name may hold anything
+    except OSError:
+        return []

@@ -16,7 +16,16 @@ from math import inf
 from typing import Any
 
 from ..clock import SYSTEM_CLOCK, Clock
-from .birth import BEGUN, OTHER_CODE, describe_ending, pack, read_processor_time, receive_async, start_child
+from .birth import (
+    BEGUN,
+    OTHER_CODE,
+    describe_ending,
+    pack,
+    read_processor_time,
+    receive_async,
+    start_child,
+    waits_for_system,
+)
 from .task import Defect, Died, NotBegun, OutOfDate, PutBack
 
 LOOK_SECONDS = 0.25  # between two looks at what a process does
@@ -37,14 +46,12 @@ class Pulse:
     def look(self) -> float:
         """Seconds that all its threads have used; those that have passed where the system does not say."""
         reading = read_processor_time(self._pid)
-        if reading is None or reading[1] or self._last is None or reading[0] != self._last[0]:
-            self.silent_looks = 0
-        else:
-            self.silent_looks += 1
-        self._last = reading or self._last
+        silent = reading is not None and reading == self._last and not waits_for_system(self._pid)
+        self.silent_looks = self.silent_looks + 1 if silent else 0
+        self._last = self._last if reading is None else reading
         if self._first is None or self._last is None:
             return self._clock.monotonic() - self._begun
-        return self._last[0] - self._first[0]
+        return self._last - self._first
 
 
 class ComputingProcess:
@@ -60,6 +67,7 @@ class ComputingProcess:
         self.killed = False
         self.seconds = 0.0  # of CPU, of the last call
         self._begun = False  # the call, by the process
+        self._pulse: Pulse | None = None  # since it has, and before from the first look
         self._writer: asyncio.StreamWriter | None = None
         self._ending: asyncio.Future[int] | None = None
         self._opening = asyncio.get_running_loop().create_task(self._open())
@@ -82,13 +90,13 @@ class ComputingProcess:
         seconds of CPU taken; a TimeoutError of it ends the process.  hang_seconds: without any, which do so too.
         Raises Died, NotBegun, Defect, OutOfDate, PutBack.  Whatever ends the wait but an outcome ends the process.
         """
-        self.seconds, self._begun, why = 0.0, False, ""
+        self.seconds, self._begun, why, self._pulse = 0.0, False, "", None
         try:
             await self._opening
-            self._pulse = self._make_pulse()
             exchange = asyncio.ensure_future(self._exchange(call, may_go_on))
             try:
                 while not await self._clock.wait_async(exchange, LOOK_SECONDS):
+                    self._pulse = self._pulse or self._make_pulse()
                     taken = self._pulse.look()
                     if self._begun:
                         look(taken)
