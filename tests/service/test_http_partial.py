@@ -75,6 +75,14 @@ def test_a_patch_of_a_named_design_is_answered_like_the_whole_design(client: htt
     assert score(client, design_sha256=name).content == score(client, design=small_design()).content
 
 
+@pytest.mark.parametrize("escaped", [True, False])
+def test_a_patch_may_write_its_letters_as_escapes(client: httpx.Client, escaped: bool) -> None:
+    """independent: the patched design is written out; what a body holds is read in another way where escapes are."""
+    body = json.dumps({"design": small_design(), "patch": {"name": "Träger"}}, ensure_ascii=escaped).encode()
+    patched = client.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
+    assert sha256_of(patched) == sha256_of(score(client, design=small_design(name="Träger")))
+
+
 @pytest.mark.parametrize(
     ("target", "patch", "merged"),
     read_cases("http", "patches"),

@@ -256,9 +256,9 @@ def plain_data(value: Any, limits: Limits) -> Any:
                 if len(key) > LONGEST_KEY:
                     raise LimitError(replace(_long_key_problem(key, None, None), pointer=write_pointer(path)))
                 _refuse_surrogates(key, path)
-            return FrozenMapping({key: copy(child, (*path, key)) for key, child in item.items()})
+            return {key: copy(child, (*path, key)) for key, child in item.items()}
         if kind is list or isinstance(item, list | tuple):
-            return FrozenList([copy(child, (*path, index)) for index, child in enumerate(item)])
+            return [copy(child, (*path, index)) for index, child in enumerate(item)]
         if kind is str:
             _refuse_surrogates(item, path)
         elif kind is int and item.bit_length() > 64:
