@@ -15,6 +15,7 @@ from plain_data import DEMO
 from tailstack import load_design, optimise
 from tailstack.design.drawn import DrawnValues
 from tailstack.geometry.arrays import Array
+from tailstack.laws import SUMS
 from tailstack.optimisation import PlacementProblem, cost_bound
 from tailstack.optimisation.cost_bound import Allowed, bound_allocation, bound_any_layout, enough_for, take_smallest
 from tailstack.optimisation.exact_law import evaluate_demand
@@ -25,7 +26,7 @@ from tailstack.optimisation.search import prepare_search, search
 from tailstack.optimisation.terms import every_terms
 from tailstack.results import Relaxation
 from tailstack.system import Law
-from tailstack.tail.declared import law_cdf, law_quantile
+from tailstack.tail.declared import LinearLaw, law_cdf, law_quantile
 
 ROTATIONS = (("structure_connector", "rx"), ("structure_connector", "ry"), ("connector_flange", "rx"))
 MIXED = [
@@ -76,6 +77,22 @@ def test_a_tangent_is_above_the_chance_everywhere(laws: tuple[Law, Law]) -> None
         edges = np.column_stack([logs - rng.uniform(0, 1, 3), logs])  # the two widest differ from cell to cell
         above = tangent.value - float(cost_bound._charge(allowed, tangent, edges)[:, 1].sum())
         assert np.log(max(chance, 1e-300) / asked.quantile) <= above + 1e-6
+
+
+def test_two_half_widths_bend_as_normal_ones_do_beside_a_third() -> None:
+    """independent: of 40 random laws the chance times ``h^n`` of the third is, half-way between two sizes (of it by its
+    half-width, of the others by logarithms), at least the mean; never wrong of what is true."""
+    rng, laws = np.random.default_rng(2), (Law.UNIFORM, Law.TRIANGULAR)
+    for _ in range(40):
+        gains, which = rng.standard_normal((3, 3)), rng.integers(0, 2, 3)
+        kinds = np.array([SUMS.index(laws[k]) for k in which])
+        near, far = (np.append(np.exp(rng.uniform(-2, 0.5, 2)), rng.uniform(0.1, 1.5)) for _ in range(2))
+        middle = np.append(np.sqrt(near * far)[:2], (near + far)[2] / 2)
+        chances = [
+            law_cdf(LinearLaw(np.zeros(3), 0.05 * np.eye(3), gains * width, kinds), 1.0) * width[2] ** (1 + which[2])
+            for width in (near, middle, far)
+        ]
+        assert chances[1] ** 2 >= chances[0] * chances[2] * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("laws", MIXED)

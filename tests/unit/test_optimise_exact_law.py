@@ -273,6 +273,16 @@ def test_the_slopes_of_a_per_unit_quantile_tell_what_a_shot_draws_from_what_a_un
     assert promised == pytest.approx(2 * np.log(high.exact_mm / low.exact_mm), rel=1e-2)
 
 
+@pytest.mark.long
+def test_a_law_of_wide_uniform_rotations_settles() -> None:
+    """independent: the score; noise is a tenth of the error, so its gradient is that of sums of uniform variables."""
+    problem = oracle_problem(6, 2.0)
+    solution = solve_placement(problem, starts=2, seed=0, threads=1)
+    (quantile,) = score_mm(problem, solution.choice)
+    assert 2 * (1 - 1e-5) <= quantile <= 2
+    assert solution.kkt_residual < 1e-5
+
+
 def test_kkt_residual_sees_a_wrong_multiplier_and_a_wrong_point() -> None:
     """property: one per cent off in either raises it from 1e-7 to 1e-3."""
     solution = solve_placement(OPTIMA["tolerances"])
