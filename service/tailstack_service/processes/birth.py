@@ -349,10 +349,7 @@ def describe_ending(code: int) -> str:
 PR_SET_PDEATHSIG = 1
 OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
 RESIDENT = 1  # field of /proc/PID/statm: what is in memory
-WAITS_FOR_SYSTEM = (
-    ["R"],
-    ["D"],
-)  # states of a thread that waits for a processor or a disk, which is no fault of its own
+WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
 
@@ -401,7 +398,8 @@ def waits_for_system(pid: int) -> bool:
         threads = os.listdir(Path(f"/proc/{pid}/task")) if ON_LINUX else []
     except OSError:  # it has ended
         return False
-    return any(_read_stat(f"/proc/{pid}/task/{thread}/stat")[:1] in WAITS_FOR_SYSTEM for thread in threads)
+    states = (_read_stat(f"/proc/{pid}/task/{thread}/stat")[:1] for thread in threads)
+    return any(state in WAITS_FOR_SYSTEM for one in states for state in one)
 
 
 def _read_stat(file: str) -> list[str]:
