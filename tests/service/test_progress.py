@@ -59,6 +59,8 @@ def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
     assert progress.line() == "sweep: 50 s, 40 %, about 60 s left"
     clock.turn(5)
     assert shown_left(progress) == 55  # it goes on between two reports
+    clock.turn(155)
+    assert shown_left(progress) == 30  # late by 100 s: three tenths of that are still to come
 
 
 def test_a_first_step_of_many_promises_nothing() -> None:
