@@ -176,7 +176,7 @@ def list_refusals() -> list[type[TailstackError]]:
     """Every class of refusal in both packages."""
     for room in (ROOT / "solver", ROOT / "service"):
         for path in sorted(room.rglob("*.py")):
-            if re.search(r"^class \w+\(\w*(Error|RefusedAt|TooLarge)\):", path.read_text(), re.MULTILINE):
+            if re.search(r"^class \w+\(\w*(Error|RefusedAt|TooLarge)\b", path.read_text(), re.MULTILINE):
                 import_module(".".join(path.relative_to(room).with_suffix("").parts))
     found = [TailstackError]
     for kind in found:
