@@ -12,7 +12,7 @@ allows, where that frees any of its half-widths; every other lever is to be rid 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from math import inf, radians, sqrt
 from typing import NamedTuple
@@ -171,33 +171,35 @@ def list_levers(
     lines = [{line.name: line for line in each if line.law != "known"} for each in budgets]  # the last is of all parts
     levers: list[Lever] = []
 
-    def add(name: str, label: str, how: How, changed: Sequence[ErrorModel], known: Sequence[float] = ()) -> None:
-        value = max(known or (worth_of(requirement, model) for model in changed))
-        levers.append(Lever(requirement.name, name, label, value, how))
+    def worths(changed: Iterable[ErrorModel]) -> list[float]:
+        return [worth_of(requirement, model) for model in changed]
+
+    def add(name: str, label: str, how: How, values: Sequence[float]) -> None:
+        levers.append(Lever(requirement.name, name, label, max(values), how))
 
     for name, group in groups.items():
         limited = any(contributor in group for contributor, _ in least)
         alone = len(group) == 1 and not limited
         known = [each[contributor].p95_without_mm for each in lines for contributor in group if alone]
         label = name.replace("_", " ") if len(group) > 1 else next(iter(group.values()))
-        narrowed = [] if known else [_narrow(model, group, least) for model in models]
-        add(name, label, "least" if limited else "perfect", narrowed, known)
+        values = known or worths(_narrow(model, group, least) for model in models)
+        add(name, label, "least" if limited else "perfect", values)
     placed = [with_perfect_fiducials(model, error) for model in models]
-    add("placement", "placement of the fiducials", "bound", placed)
+    add("placement", "placement of the fiducials", "bound", worths(placed))
     if any(model.bias_mm(error).any() for model in models):
         none = {error: np.zeros_like(models[0].bias_mm(error))}
-        add("bias", "known bias", "perfect", [replace(model, biases=none, known=()) for model in models])
+        add("bias", "known bias", "perfect", worths(replace(model, biases=none, known=()) for model in models))
     if section is not None and not (section.pivots or section.views):
         moves = any(each is not None for each in (section.box, section.region, section.regions))
         best = [_narrow(model, {name for name, _ in least}, least) for model in (placed if moves else models)]
-        values = [worth_of(requirement, model) for model in best]
+        values = worths(best)
         left = _leading(best[int(np.argmax(values))], error)
-        add("together", f"all that optimise frees; then {left}", "bound", best, values)
+        add("together", f"all that optimise frees; then {left}", "bound", values)
     return tuple(sorted(levers, key=lambda lever: lever.value))
 
 
 def worth_of(requirement: Requirement, model: ErrorModel) -> float:
-    """What a requirement limits, in its unit, of a model of its error; no fiducial missed."""
+    """What a requirement limits, in its unit, of a model of its error, a quantile to 1e-4; no fiducial missed."""
     p = requirement.quantile
     at = error_law(model, requirement.error, p, value_of(requirement))
     if requirement.units_fraction is not None:

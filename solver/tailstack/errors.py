@@ -23,6 +23,11 @@ def write_pointer(steps: Iterable[str | int]) -> str:
     return "".join("/" + escape(step) for step in steps)
 
 
+def read_pointer(pointer: str) -> list[str]:
+    """The steps of an RFC 6901 pointer, numbers of elements as texts."""
+    return [token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:]]
+
+
 class Edit(NamedTuple):
     """One step of a JSON Patch (RFC 6902) of the user's document."""
 

@@ -398,8 +398,8 @@ def waits_for_system(pid: int) -> bool:
         threads = os.listdir(Path(f"/proc/{pid}/task")) if ON_LINUX else []
     except OSError:  # it has ended
         return False
-    states = (_read_stat(f"/proc/{pid}/task/{thread}/stat")[:1] for thread in threads)
-    return any(state in WAITS_FOR_SYSTEM for one in states for state in one)
+    states = {state for thread in threads for state in _read_stat(f"/proc/{pid}/task/{thread}/stat")[:1]}
+    return not WAITS_FOR_SYSTEM.isdisjoint(states)
 
 
 def _read_stat(file: str) -> list[str]:

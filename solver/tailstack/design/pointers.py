@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..cures import find_nearest
-from ..errors import Problem, TailstackError, escape
+from ..errors import Problem, TailstackError, escape, read_pointer
 from ..field_names import Renaming, find_renamings, is_numeric, say_renaming
 from .refusals import records_on
 
@@ -40,7 +40,7 @@ def find_places(data: Any, pointer: str, *, make: bool = False) -> list[Place]:
     if not pointer.startswith("/"):
         return []
     ways: list[tuple[Place, Any]] = [((), data)]
-    steps = [token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:]]
+    steps = read_pointer(pointer)
     for step, following in zip(steps, [*steps[1:], ""], strict=True):
         makes = make and not following.isdecimal()  # a list that is not there has no first element
         ways = [((*place, key), child) for place, node in ways for key, child in _children(node, step, makes)]
@@ -96,8 +96,8 @@ def set_numbers(data: Any, places: Sequence[Sequence[Place]], values: Sequence[f
 def name_of(data: Any, pointer: str) -> str:
     """A pointer as people write it: fields with dots between them, elements of lists by their names or labels."""
     node, words = data, []
-    for token in pointer.split("/")[1:]:
-        step: str | int = token.replace("~1", "/").replace("~0", "~")
+    step: str | int
+    for step in read_pointer(pointer):
         if isinstance(node, list) and str(step).isdecimal() and int(step) < len(node):
             step = int(step)
             item = node[step]
@@ -115,7 +115,7 @@ def name_of(data: Any, pointer: str) -> str:
 
 def suggest(data: Any, pointer: str) -> str:
     """Which number may have been meant, as a hint, or what there is at the step that leads nowhere."""
-    steps = [token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:]]
+    steps = read_pointer(pointer)
     node, way = data, ""
     for place, step in enumerate(steps):
         children = _children(node, step, make=False)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from ..cures import ask_meant, cure_list, cure_pair, cure_range, cure_text, cure_zone
-from ..errors import DesignError, Edit, Problem, write_pointer
+from ..errors import DesignError, Edit, Problem, read_pointer, write_pointer
 from ..field_names import cure_name, is_numeric, write_value
 from ..fields import Pose, describe_fields
 from .bead_noise import BeadNoise
@@ -52,14 +52,13 @@ def place(problem: Problem, source: DocumentSource) -> Problem:
     """The same problem with file, line and column, when the document came as text and it has none yet."""
     if problem.file is not None:
         return problem
-    line, column = source.locate(_read_pointer(problem.pointer), key=problem.code == "unknown-field")
+    line, column = source.locate(_read_path(problem.pointer), key=problem.code == "unknown-field")
     return replace(problem, file=source.file, line=line, column=column)
 
 
-def _read_pointer(text: str) -> list[str | int]:
-    """The path of an RFC 6901 pointer."""
-    tokens = [token.replace("~1", "/").replace("~0", "~") for token in text.split("/")[1:]]
-    return [int(token) if token.isascii() and token.isdigit() else token for token in tokens]
+def _read_path(pointer: str) -> list[str | int]:
+    """The path of a pointer, whose numbers are those of elements."""
+    return [int(step) if step.isascii() and step.isdigit() else step for step in read_pointer(pointer)]
 
 
 def refuse(
@@ -86,7 +85,7 @@ _LOWER = ("lower", "min", "minus", "lower_limit", "ei")
 
 def _cure_limits(problem: Problem, data: Any) -> Problem:
     """The limits of a zone that were given for a tolerance: what they are as bias and half-width."""
-    path = _read_pointer(problem.pointer)
+    path = _read_path(problem.pointer)
     if problem.code != "unknown-field" or re.sub(r"_(mm|deg|px)$", "", str(path[-1])) not in (*_UPPER, *_LOWER):
         return problem
     cure = _cure_zone_of(records_on(data, path[:-1])[0])
