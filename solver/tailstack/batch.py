@@ -231,6 +231,7 @@ class Batch:
         self.pointers = tuple(pointer_of(design.source.data, path) for path in paths)
         self._places = _find_places(design, self.pointers)
         self.system = compile_design(design)
+        self.required = [(item, name) for item in self.system.requirements for name in item.targets]
         self.names = tuple(self._name_columns())
         self.slots: list[tuple[int, Slot]] = []  # with the column of the table
         self._loop: _RowLoop | None = None
@@ -264,17 +265,13 @@ class Batch:
     def score_rows(self, values: Array) -> BatchBlock:
         """Rows (n, k): a number for each pointer, in the unit of its field."""
         count = len(values)
-        columns = [
-            np.full(count, "", dtype=object) if name in OF_DESIGNS else np.full(count, nan) for name in self.names
-        ]
+        columns = [np.full(count, "", object) if name in OF_DESIGNS else np.full(count, nan) for name in self.names]
         ways, reasons = dict.fromkeys(WAYS, 0), [""] * count
         sound = np.asarray(np.isfinite(values).all(axis=1))
         for column, slot in self.slots:
             sound &= (values[:, column] >= slot.low) & (values[:, column] <= slot.high)
         numbers = self._numbers_of(np.where(sound[:, None], values, self._stated)) if self._placed else {}
-        done = np.zeros(count, dtype=np.bool_)
-        if self._loop is not None:
-            done = self._loop.fill(numbers, sound, columns)
+        done = np.zeros(count, dtype=np.bool_) if self._loop is None else self._loop.fill(numbers, sound, columns)
         ways[COMPILED], ways[IN_FULL] = int(done.sum()), int((~done).sum())
         for row in np.flatnonzero(~done).tolist():
             outcome: list[Any] | str | None = None
@@ -296,9 +293,7 @@ class Batch:
             if column in OF_TARGETS:
                 yield from (f"{column}:{target.name}" for target in self.system.targets)
             elif column in OF_REQUIREMENTS:
-                yield from (
-                    f"{column}:{item.name}:{name}" for item in self.system.requirements for name in item.targets
-                )
+                yield from (f"{column}:{item.name}:{name}" for item, name in self.required)
             else:
                 yield column
 
@@ -380,11 +375,7 @@ class Batch:
         checks: list[Check] = []
         if not _ASK.isdisjoint(self.columns):
             trust = trust_of(system, models)
-            checks = [
-                check_requirement(item, name, trust, score_at(name, item.error))
-                for item in system.requirements
-                for name in item.targets
-            ]
+            checks = [check_requirement(item, name, trust, score_at(name, item.error)) for item, name in self.required]
         return self._arrange(of_target, checks)
 
     def _score_in_full(self, row: Array) -> list[Any] | str:
@@ -452,9 +443,7 @@ class _RowLoop:
         made = 2 * views + np.tile(np.arange(3), count)
         rest = len(laws) - len(of_images) - len(made)
         self.groups = np.concatenate([of_images, made, 2 * views + 3 + np.arange(rest)])
-        self.checked = [
-            (item, name) for item in system.requirements for name in item.targets if not _ASK.isdisjoint(batch.columns)
-        ]
+        self.checked = [] if _ASK.isdisjoint(batch.columns) else batch.required
         wanted = {(name, item.error, item.quantile): False for item, name in self.checked}
         for column, error in QUANTILES.items():
             for target in system.targets if column in batch.columns else ():
@@ -761,14 +750,13 @@ def _find_places(design: Design, pointers: Sequence[str]) -> list[tuple[Place, .
 
 def _check_columns(columns: Sequence[str]) -> tuple[str, ...]:
     """Raises SweepError for a name that is none, or stands there twice."""
+    known = f"known: {', '.join(COLUMNS)}"
     for k, column in enumerate(columns):
-        if column not in COLUMNS or column in columns[:k]:
-            what = (
-                f"the column {column!r} is asked for twice" if column in COLUMNS else f"there is no column {column!r}"
-            )
-            raise SweepError(Problem(f"/columns/{k}", "unknown-value", what, f"known: {', '.join(COLUMNS)}"))
+        if column not in COLUMNS:
+            raise SweepError(Problem(f"/columns/{k}", "unknown-value", f"there is no column {column!r}", known))
+        if column in columns[:k]:
+            detail = f"the column {column!r} is asked for twice"
+            raise SweepError(Problem(f"/columns/{k}", "unknown-value", detail, known))
     if not columns:
-        raise SweepError(
-            Problem("/columns", "too-short", "an answer has at least one column", f"known: {', '.join(COLUMNS)}")
-        )
+        raise SweepError(Problem("/columns", "too-short", "an answer has at least one column", known))
     return tuple(columns)

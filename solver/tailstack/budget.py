@@ -47,9 +47,8 @@ class BudgetEntry(NamedTuple):
     @property
     def alike(self) -> bool:
         """Whether its sources are, so that one half-width speaks for all of them."""
-        return len(self.sources) == 1 or (
-            self.block.is_grouped and bool((self.block.half_width == self.block.half_width[0]).all())
-        )
+        widths = self.block.half_width
+        return len(self.sources) == 1 or (self.block.is_grouped and bool((widths == widths[0]).all()))
 
     @property
     def among_all(self) -> list[int]:
@@ -98,11 +97,8 @@ def budget(model: ErrorModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contrib
     for known in model.known:
         rest = law_of(at.law.mean - known.of(at.error), at.columns)
         without = law_quantile(rest, total.p, fine=False).quantile_mm
-        rows.append(
-            Contributor(
-                known.contributor, "known", "known", None, "", None, None, 0.0, None, without, f"{known.label}, known"
-            )
-        )
+        name, label = known.contributor, f"{known.label}, known"
+        rows.append(Contributor(name, "known", "known", None, "", None, None, 0.0, None, without, label))
     return tuple(rows)
 
 

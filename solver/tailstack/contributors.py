@@ -140,12 +140,7 @@ def error_law(model: ErrorModel, error: str, quantile: float, value: Value | Non
 
 
 def risk_of_units(
-    model: ErrorModel,
-    at: ErrorLaw,
-    quantile: float,
-    limit: float | None,
-    fraction: float,
-    level: Drawn = Drawn.UNIT,
+    model: ErrorModel, at: ErrorLaw, quantile: float, limit: float | None, fraction: float, level: Drawn = Drawn.UNIT
 ) -> UnitRisk:
     """What ``fraction`` of installed units, or of mountings, keep their own quantile within, and how many keep a
     limit.
@@ -153,10 +148,8 @@ def risk_of_units(
     What is drawn with the level or more rarely is held, everything else drawn again; ``at`` is the law of the error.
     """
     once = at.columns.constant_in(level)
-    installed, shot = (
-        law_of(at.worst.mean_mm, at.columns.only(once)),
-        law_of(np.zeros_like(at.worst.mean_mm), at.columns.only(~once)),
-    )
+    installed = law_of(at.worst.mean_mm, at.columns.only(once))
+    shot = law_of(np.zeros_like(at.worst.mean_mm), at.columns.only(~once))
     return unit_risk(installed, shot, quantile, limit, fraction, log2_units=7)
 
 
@@ -199,9 +192,8 @@ def worst_vertices(
     columns = bounded_columns(model, error)
     law = law_of(model.bias_mm(error), columns_of(model, error))
     worst = worst_vertex(law, columns, quantile, value)
-    felt = [
-        (k, f"{block.contributor}.{block.components[j]}") for k, (block, j) in enumerate(keys) if columns[:, k].any()
-    ]
+    names = [f"{block.contributor}.{block.components[j]}" for block, j in keys]
+    felt = [(k, name) for k, name in enumerate(names) if columns[:, k].any()]
     several = indistinguishable(law, columns, quantile, worst.signs, value)
     return tuple({name: float(signs[k]) for k, name in felt} for signs in several)
 

@@ -115,11 +115,9 @@ def _cure_zone_text(text: str, field: str) -> str:
         if re.search(r"noise|(^|_)sd(_|$)|std", field):
             return f"if ±{half:.12g} is one standard deviation, write {half:.12g}"
         remark = f"±{half:.12g} is a tolerance, whose place is a half-width: {half:.12g}"
-        return (
-            f"the value alone: write {value:.12g}; {remark}"
-            if value is not None
-            else f"{remark}; the value itself goes here"
-        )
+        if value is None:
+            return f"{remark}; the value itself goes here"
+        return f"the value alone: write {value:.12g}; {remark}"
     if "half_width" in field and (match := _BOUND.fullmatch(text)) and (match[1] or match[4]):
         value, unit = _read_decimal(match[2]), match[3]
         if value is None or (own and unit and own[1] != unit.replace("°", "deg")):
@@ -138,13 +136,9 @@ def _cure_marks(text: str, field: str) -> str:
     """``6'``, ``0°6'30"`` and ``0.001"`` as numbers of this field's unit, ``Ø6`` without its sign; empty for others."""
     drawn = _DIAMETER.fullmatch(text) if re.search("diameter|true_position", field) else None
     if drawn and (drawn[1] or drawn[3] or drawn[4]):
-        rest = (
-            "; (M) is at_maximum_material: true"
-            if drawn[3]
-            else f"; {drawn[4]} goes under fit, as H7/g6"
-            if drawn[4]
-            else ""
-        )
+        rest = "; (M) is at_maximum_material: true" if drawn[3] else ""
+        if drawn[4]:
+            rest = f"; {drawn[4]} goes under fit, as H7/g6"
         return f"the number alone: write {drawn[2]}{rest}"
     match = _MARKS.fullmatch(text)
     if match is None or not (match[2] or match[3]):
@@ -235,7 +229,7 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
 def cure_list(values: Any, wanted: int) -> str:
     """What to write instead of a list of numbers that has more entries than ``wanted``."""
     if isinstance(values, list | tuple) and wanted < len(values) <= 2 * wanted and {*map(type, values)} == {int}:
-        first, second = values[0], values[1]
+        first, second = values[:2]
         if second < 0:  # no decimals have a sign
             return ""
         return f"commas separate entries: if {first},{second} is one number, write it with a point, {first}.{second}"

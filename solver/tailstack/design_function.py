@@ -243,9 +243,8 @@ def _at_first_target(design: Design) -> tuple[Chain, LinearModel]:
 
 def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: LinearModel) -> str:
     """What else than half-widths and fiducials differs between a chain and one with a number moved; empty: nothing."""
-    if [(block.contributor, block.components) for block in model.blocks] != [
-        (block.contributor, block.components) for block in other.blocks
-    ]:
+    names, others = ([(block.contributor, block.components) for block in each.blocks] for each in (model, other))
+    if names != others:
         return "a contributor that is not there without it"
     shift = moved.imaging.points - chain.imaging.points
     # With the fiducials of the first chain in its place the moved one must be the first ...

@@ -286,11 +286,8 @@ def _change_unit(
         words = f"it is in {theirs}: of a length at the detector, multiply by {by}"
         return [ValueChange(words, None if pixel is None else _each(partial(mul, pixel / theirs.factor)))]
     if set(pair) == {"angle", "length"}:
-        return [
-            ValueChange(
-                f"it is in {theirs}: an angle cannot be converted into a length, nor a length into an angle", None
-            )
-        ]
+        words = f"it is in {theirs}: an angle cannot be converted into a length, nor a length into an angle"
+        return [ValueChange(words, None)]
     return [ValueChange(f"it is in {theirs}, and {mine} cannot be converted into that", None)]
 
 
@@ -497,8 +494,7 @@ def convert_text(number: str, unit: str, field: str) -> str:
     if mine is None:
         return ""
     steps = _change_unit(mine, theirs, field, 0.0, {})
-    if any(step.change is None for step in steps):
-        return "; ".join(step.words for step in steps)
-    return "; ".join(
-        [*(step.words for step in steps), f"write {write_value(_apply(field, steps, float(number)).value)}"]
-    )
+    words = [step.words for step in steps]
+    if all(step.change is not None for step in steps):
+        words.append(f"write {write_value(_apply(field, steps, float(number)).value)}")
+    return "; ".join(words)

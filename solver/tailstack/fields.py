@@ -233,14 +233,10 @@ HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
 Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
 Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient, TURN_DEG]
 Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient, MATRIX]
-ImageSize = Annotated[
-    tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]],
-    _lenient,
-    IMAGE_PX,
-]
-ImagePoint = Annotated[
-    tuple[Annotated[float, Field(ge=-1e6, le=1e6)], Annotated[float, Field(ge=-1e6, le=1e6)]], _lenient
-]
+_Side = Annotated[int, Field(ge=2, le=100_000)]
+ImageSize = Annotated[tuple[_Side, _Side], _lenient, IMAGE_PX]
+_Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+ImagePoint = Annotated[tuple[_Place, _Place], _lenient]
 Row4 = Annotated[tuple[Entry, Entry, Entry, Entry], _lenient]
 Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient, MATRIX]
 Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient, PLACE_MM]  # that of its fourth column

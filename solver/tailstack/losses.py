@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from .contributors import ErrorLaw, error_law, law_of
 from .errors import IllPosedError
-from .estimation.checks import examine, fewest_fiducials
+from .estimation.checks import examine
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .laws import BOUNDED
@@ -45,15 +45,7 @@ from .results.verdicts import P95
 from .system import Effect, System, Way
 from .tail.approximation import Ranking, Rest, columns_in_cumulants, rank_losses
 from .tail.bounded import worst_case
-from .tail.declared import (
-    SAMPLED_METHOD,
-    LawQuantile,
-    LinearLaw,
-    MixedLaw,
-    OneSidedLaw,
-    find_radius,
-    law_quantile,
-)
+from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, OneSidedLaw, find_radius, law_quantile
 
 PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
@@ -249,7 +241,7 @@ class LossSearch:
     def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Loss:
         """The worst loss of so many for a quantile of an error at the worst of these targets."""
         masks = self.losses(lost).kept
-        fewest, left = fewest_fiducials(self.system), masks @ self.chain.weights.T  # (S, V)
+        fewest, left = self.system.estimator.traits.fewest_fiducials, masks @ self.chain.weights.T  # (S, V)
         if (left < fewest).any():
             s, v = np.argwhere(left < fewest)[0].tolist()
             own = f"view {self.system.views[v].name} is left with {int(left[s, v])} fiducials"
@@ -366,7 +358,8 @@ class LossSearch:
 
         forms (T, S) mm: of losses by Pearson's form, the first of nothing.
         """
-        answered = np.asarray((masks @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
+        fewest = self.system.estimator.traits.fewest_fiducials
+        answered = np.asarray((masks @ self.chain.weights.T).min(axis=1) >= fewest)
         answered &= (forms < inf).all(axis=0)
         for s in self._find_doubted(forms, forms[:, :1]):
             answered[s] = answered[s] and not self._refusal(masks[s].tobytes())

@@ -255,9 +255,8 @@ def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackErro
                 decoder.decode(part, not part)
             except UnicodeDecodeError as failure:
                 if marked:
-                    detail = (
-                        f"byte {failure.start + 1} is not valid {failure.encoding.upper()}, which its mark promises"
-                    )
+                    promised = failure.encoding.upper()
+                    detail = f"byte {failure.start + 1} is not valid {promised}, which its mark promises"
                     raise error(Problem("", "not-text", detail, "save it as CSV UTF-8", name)) from None
                 encoding, guessed = "cp1252", "Windows-1252 (ANSI)"
     for lines, part in _list_parts(stream, begin) if guessed else ():
@@ -496,16 +495,14 @@ def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: 
     """Rows of as many cells as the header has; everything else is counted, or refused."""
     width, counts, line = len(table.header), table.counts, begins
     reader = csv.reader(lines, delimiter=table.delimiter, strict=True)
-    rows = iter(reader)
     while True:
         try:
-            row = next(rows, None)
+            row = next(reader, None)
         except UnicodeDecodeError as failure:
             raise table.error(_not_decoded(failure, table.name, line + 1)) from None
         except csv.Error as failure:
-            reason = (
-                _LINE_BREAK if "unexpected end" in str(failure) or reader.line_num > line - begins + 1 else str(failure)
-            )
+            goes_on = "unexpected end" in str(failure) or reader.line_num > line - begins + 1
+            reason = _LINE_BREAK if goes_on else str(failure)
             hint = "take line breaks out of cells; a quote inside a quoted cell is doubled"
             raise table.refuse("csv-syntax", f"this line is not CSV: {reason}", hint, line + 1) from None
         if row is None:

@@ -78,14 +78,11 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
         image_slopes(projection, point, centre, image_of(middle), unknowns, out)
     rows = slopes[:, :, :unknowns].reshape(-1, unknowns)
     rows = rows / np.linalg.norm(rows, axis=0)
-    noise = float(imaging.estimation.noise[v, 0])
-    made = (
-        motion_of_images(projection, points)
-        @ chain.imaging.per_error
-        * chain.system.manufacturing_std_mm[seen][:, None, :]
-    )
+    noise = max(float(imaging.estimation.noise[v, 0]), 1e-9)
+    spread = chain.system.manufacturing_std_mm[seen][:, None, :]
+    made = motion_of_images(projection, points) @ imaging.per_error * spread
     factor = imaging.estimation.factors_of(0)[v]
-    own = made @ made.transpose(0, 2, 1) + max(noise, 1e-9) ** 2 * (factor @ factor.T)  # (n, 2, 2) px^2
+    own = made @ made.transpose(0, 2, 1) + noise**2 * (factor @ factor.T)  # (n, 2, 2) px^2
     weight = np.zeros((2 * len(seen), 2 * len(seen)))
     for k, covariance in enumerate(own):
         weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance)
@@ -93,9 +90,7 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
     if unknowns < ALL_UNKNOWNS:
         sought = range(POSE_UNKNOWNS, unknowns)
         scale = np.linalg.norm(slopes[:, :, sought].reshape(-1, len(sought)), axis=0)
-        normal[sought, sought] += (
-            chain.imaging.estimation.precision[v, : len(sought)] / max(noise, 1e-9) ** 2 / scale**2
-        )
+        normal[sought, sought] += imaging.estimation.precision[v, : len(sought)] / noise**2 / scale**2
     left = weight - weight @ rows @ np.linalg.solve(normal, rows.T @ weight)
     information: list[Array | None] = []
     for k in range(len(seen)):

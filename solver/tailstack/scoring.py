@@ -26,14 +26,7 @@ from .laws import Drawn
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .measures import MEASURE, POINTS
 from .measures.measure import Site
-from .propagation.linear import (
-    ErrorModel,
-    LinearModel,
-    chain_of,
-    covariance_block_diagonal,
-    linearise_all,
-    models_of,
-)
+from .propagation.linear import ErrorModel, LinearModel, chain_of, covariance_block_diagonal, linearise_all, models_of
 from .propagation.validity import (
     error_percent,
     refuse_outside_range,
@@ -56,6 +49,7 @@ from .results import (
     Provenance,
     Score,
     SecondOrder,
+    Severity,
     TargetCovariance,
     TargetScore,
     TitleBlock,
@@ -205,14 +199,9 @@ def score_errors(design: Design) -> Errors:
     chain = chain_of(system)
     models = linearise_all(chain)
     search = LossSearch(chain, models) if system.loss_probability else None
-    drawn = {(name, error) for name in models for error in ("tcp", "localisation")}  # others have other dimensions
-    metrics = {key: _metric(error) for key, error in _score_metrics(system, models, search).items() if key in drawn}
-    return Errors(
-        tuple(
-            TargetErrors(**_fields(metrics[name, "tcp"]), name=name, localisation=metrics[name, "localisation"])
-            for name in models
-        )
-    )
+    every = _score_metrics(system, models, search)
+    pairs = ((name, _metric(every[name, "tcp"]), _metric(every[name, "localisation"])) for name in models)
+    return Errors(tuple(TargetErrors(**_fields(tcp), name=name, localisation=located) for name, tcp, located in pairs))
 
 
 def _fields(metric: MetricScore) -> dict[str, Any]:
@@ -294,13 +283,8 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     )
     if trust.expected_error_percent is None:
         message += f"; {shots.open_words}: how far the estimate is from a simulation is not known"
-    return Finding(
-        "missed-fiducials",
-        "note" if trust.expected_error_percent else "warning",
-        message,
-        "/fiducials/loss_probability",
-        shots.beyond_limits,
-    )
+    severity: Severity = "note" if trust.expected_error_percent else "warning"
+    return Finding("missed-fiducials", severity, message, "/fiducials/loss_probability", shots.beyond_limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,12 +320,8 @@ class ErrorScore:
     @cached_property
     def law_at(self) -> Callable[[float], ErrorLaw]:
         """At the vertex that is worst for a quantile."""
-        return cache(self._find_law)
-
-    def _find_law(self, quantile: float) -> ErrorLaw:
-        if quantile == P95 or not self.at.worst.signs:
-            return self.at
-        return error_law(self.model, self.at.error, quantile)
+        alike = not self.at.worst.signs
+        return cache(lambda q: self.at if q == P95 or alike else error_law(self.model, self.at.error, q))
 
     def shots(self, quantile: float) -> Shots | None:
         """All shots, where fiducials are missed in some of them."""
@@ -358,10 +338,7 @@ class ErrorScore:
     @cached_property
     def unit_risk(self) -> Callable[[float, float | None, float, Drawn], UnitRisk]:
         """:func:`risk_of_units` at a quantile, a limit, a fraction and a level; no fiducial missed."""
-        return cache(self._find_unit_risk)
-
-    def _find_unit_risk(self, quantile: float, limit: float | None, fraction: float, level: Drawn) -> UnitRisk:
-        return risk_of_units(self.model, self.law_at(quantile), quantile, limit, fraction, level)
+        return cache(lambda quantile, *of: risk_of_units(self.model, self.law_at(quantile), quantile, *of))
 
 
 def _score_metrics(
@@ -434,9 +411,8 @@ def _relate_targets(models: Mapping[str, LinearModel]) -> Iterator[TargetCovaria
     """
     if len(models) > MOST_RELATED:
         detail = f"{len(models)} targets, samples of regions counted, make {len(models) * (len(models) - 1) // 2} pairs"
-        raise OutOfRangeError(
-            Problem("/targets", "too-many-targets", detail, f"covariances are told of at most {MOST_RELATED} targets")
-        )
+        hint = f"covariances are told of at most {MOST_RELATED} targets"
+        raise OutOfRangeError(Problem("/targets", "too-many-targets", detail, hint))
     columns = {
         (name, point.name): np.hstack([b.columns_mm(point.name) for b in model.blocks if not b.effect.of_target])
         for name, model in models.items()

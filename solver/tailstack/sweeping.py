@@ -18,7 +18,7 @@ from .design.pointers import Place, locate_numbers, name_of, pointer_of, set_num
 from .errors import Problem, TailstackError, describe_refusal
 from .geometry.arrays import Array
 from .montecarlo import MAX_TRIALS
-from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
+from .results import Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import provenance, score
 from .units import unit_label
@@ -58,11 +58,8 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Varie
         pointer = entry.get("pointer")
         if not isinstance(pointer, str):
             raise SweepError(Problem(f"{where}/pointer", "missing-field", "an axis names the number it varies"))
-        axis = VariedNumber(
-            pointer,
-            locate_numbers(design.source.data, pointer, f"{where}/pointer", SweepError),
-            _values(entry, where),
-        )
+        places = locate_numbers(design.source.data, pointer, f"{where}/pointer", SweepError)
+        axis = VariedNumber(pointer, places, _values(entry, where))
         for earlier in axes:
             if set(earlier.places) & set(axis.places):
                 detail = f"{pointer} is varied by {earlier.pointer} already"
@@ -155,7 +152,7 @@ def assemble_sweep(
     design: Design, axes: Sequence[VariedNumber], points: Sequence[SweepPoint], check: PointCheck
 ) -> Sweep:
     """The record, from all points in their order.  Raises what compiling the design raises."""
-    verified = check.kind == "verification"
+    verified, system = check.kind == "verification", compile_design(design)
     return Sweep(
         schema="tailstack/sweep/1",
         axes=tuple(_axis(design, axis) for axis in axes),
@@ -164,13 +161,8 @@ def assemble_sweep(
         trials=check.trials if verified else None,
         max_trials=check.max_trials if verified and check.trials is None else None,
         points=tuple(points),
-        provenance=_provenance(design, verified),
+        provenance=provenance(system, simulated=verified, missed=bool(system.loss_probability)),
     )
-
-
-def _provenance(design: Design, checked: bool) -> Provenance:
-    system = compile_design(design)
-    return provenance(system, simulated=checked, missed=bool(system.loss_probability))
 
 
 def _axis(design: Design, axis: VariedNumber) -> SweepAxis:

@@ -288,10 +288,8 @@ def compile_sources(components: Mapping[str, RotationTolerance | TranslationTole
     stated = []
     for (name, item), way in zip(components.items(), np.eye(len(components)), strict=True):
         if item is not None:
-            if isinstance(item, RotationTolerance):
-                width, unit = radians(item.half_width_deg), "rad"
-            else:
-                width, unit = item.half_width_mm, "mm"
+            turns = isinstance(item, RotationTolerance)
+            width, unit = (radians(item.width), "rad") if turns else (item.width, "mm")
             stated.append(Source(name, item.distribution, width, item.coverage_factor, unit, way))
     return gather_sources(stated, len(components))
 

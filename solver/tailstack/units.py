@@ -17,9 +17,8 @@ _SIMPLE: dict[str, tuple[str, float]] = {
     for words, factor in units.items()
     for word in words.casefold().split()
 }
-LENGTHS_MM = {
-    unit: _SIMPLE[unit.casefold()][1] for unit in ("um", "\N{MICRO SIGN}m", "mm", "cm", "m", "in")
-}  # of tables
+# Of tables
+LENGTHS_MM = {unit: _SIMPLE[unit.casefold()][1] for unit in ("um", "\N{MICRO SIGN}m", "mm", "cm", "m", "in")}
 OTHER_LENGTHS = {unit: _SIMPLE[unit][1] for unit in ("centimetres", "inches", "metres", "micrometres")}
 _LABELS = {
     "_mm_per_n": "mm/N",

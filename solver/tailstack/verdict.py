@@ -8,7 +8,7 @@ from typing import Literal
 from .laws import level_of
 from .results import ERRORS, Check, Finding, Interval, Verdict
 from .results.digits import decimals_of, in_percent, length
-from .results.verdicts import name_all, name_basis
+from .results.verdicts import decisive_check, name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -64,29 +64,17 @@ def judge(
 def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: str) -> Verdict:
     """Overall status: one failure fails, one open question leaves it open."""
     stated = tuple(_finding(check, basis) for check in checks if check.status != "pass")
-    status: Literal["pass", "fail", "inconclusive", "no requirement"]
-    if not checks:
-        status = "no requirement"
-    elif any(check.status == "fail" for check in checks):
-        status = "fail"
-    elif any(check.status == "inconclusive" for check in checks):
-        status = "inconclusive"
-    else:
-        status = "pass"
-    return Verdict(status=status, basis=basis, checks=checks, findings=stated + findings)
+    worst = decisive_check(checks)
+    return Verdict("no requirement" if worst is None else worst.status, basis, checks, stated + findings)
 
 
 def _finding(check: Check, basis: str) -> Finding:
     low, high = check.interval
     decimals = decimals_of((check,))
-    ends = (
-        f"(between {length(low, decimals)} and {length(high, decimals)})"
-        if high is not None
-        else "(no upper end is known)"
-    )
+    ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     value = check.name_value(ERRORS[check.error])
     what = (
-        f"{value} is {length(check.value, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
+        f"{value} is {length(check.value, decimals)} {check.unit} by {name_basis(basis)} ({ends}), "
         f"limit {check.limit:g} {check.unit}"
     )
     if check.yield_fraction is not None:

@@ -59,6 +59,7 @@ from .results import (
     MeasureResult,
     MetricEstimate,
     Reprojection,
+    Severity,
     TargetEstimate,
     Validity,
     Verification,
@@ -143,18 +144,15 @@ class Sampling:
     method: Method = "plain"
     max_trials: int = MAX_TRIALS
     sequential: bool = False  # only until every requirement and question is decided, not to a precision
-    questions: tuple[
-        LimitQuestion, ...
-    ] = ()  # to be decided besides the requirements; not asked where trials are given
+    questions: tuple[LimitQuestion, ...] = ()  # to be decided beside the requirements; not asked where trials are given
     cvar: tuple[CvarQuestion, ...] = ()
     at_least: int = 0  # trials before which a check that draws to a precision does not stop
     units: int = UNITS  # drawn for a per-unit requirement, a multiple of UNITS_PER_BATCH
 
     def __post_init__(self) -> None:
         if self.trials is not None and self.precision is not None:
-            raise DesignError(
-                Problem("", "trials-and-precision", "both trials and precision were given", "give one of them")
-            )
+            detail = "both trials and precision were given"
+            raise DesignError(Problem("", "trials-and-precision", detail, "give one of them"))
         if self.precision is not None and not FINEST_PRECISION <= self.precision < 1:
             detail = f"precision must be at least {FINEST_PRECISION:g} and below 1; got {self.precision:g}"
             raise OutOfRangeError(Problem("/precision", "out-of-range", detail, "a finer one takes billions of trials"))
@@ -590,8 +588,7 @@ def _decides_means(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sa
 def estimate_statistic(requirement: Requirement, trials: TrialsOfError) -> QuantileEstimate:
     """What trials say of a requirement on what is no quantile."""
     assert requirement.row.of_trials is not None
-    found = requirement.row.of_trials(trials, requirement.quantile, requirement.limit)
-    return QuantileEstimate(*found)
+    return QuantileEstimate(*requirement.row.of_trials(trials, requirement.quantile, requirement.limit))
 
 
 def take_largest(quantiles: Iterable[QuantileEstimate]) -> QuantileEstimate:
@@ -673,15 +670,9 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
             "count as beyond every limit, and bias, spread, mean, the mean of the worst 5 % and the largest error are "
             "of the others"
         )
-    return (
-        Finding(
-            rule="missed-fiducials",
-            severity="warning" if drawn.trials_without_answer else "note",
-            message=message,
-            pointer="/fiducials/loss_probability",
-            value=drawn.trials_without_answer / drawn.trials,
-        ),
-    )
+    severity: Severity = "warning" if drawn.trials_without_answer else "note"
+    unanswered = drawn.trials_without_answer / drawn.trials
+    return (Finding("missed-fiducials", severity, message, "/fiducials/loss_probability", unanswered),)
 
 
 def _estimate_quantile(
@@ -828,14 +819,9 @@ def _remark_gaps(targets: tuple[TargetEstimate, ...]) -> tuple[Finding, ...]:
         low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
         if high < 1 - GAP or low > 1 + GAP:
             way = "too small" if high < 1 else "too large"
-            remarks.append(
-                Finding(
-                    rule="first-order-gap",
-                    severity="warning",
-                    message=f"target {target.name}: the estimate of `tailstack score` is {way} here: its P95 is "
-                    f"{target.first_order_ratio:.3g} times the simulated one",
-                    value=target.first_order_ratio,
-                    limit=1.0,
-                )
+            message = (
+                f"target {target.name}: the estimate of `tailstack score` is {way} here: its P95 is "
+                f"{target.first_order_ratio:.3g} times the simulated one"
             )
+            remarks.append(Finding("first-order-gap", "warning", message, value=target.first_order_ratio, limit=1.0))
     return tuple(remarks)

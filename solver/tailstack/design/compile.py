@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..effects import EFFECTS
-from ..effects.kind import Host, Setting
+from ..effects.kind import Setting
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import direction_name, examine, point_name
-from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import depths
 from ..laws import Drawn
@@ -38,16 +37,8 @@ from ..system import (
     no_sources,
 )
 from ..tolerances import Source, coverage_of, gather_sources
-from .consistency import describe_condition, expand_target, find_pivots
-from .document import (
-    DesignDocument,
-    Execution,
-    FiducialOrigin,
-    Fiducials,
-    HandEye,
-    Interface,
-    RequirementDocument,
-)
+from .consistency import describe_condition, expand_target, find_pivots, list_hosts
+from .document import DesignDocument, Execution, FiducialOrigin, Fiducials, HandEye, Interface, RequirementDocument
 from .features import MOTIONS, ROUND, Feature, FittedFeature, Part
 from .frames import compile_transform, compile_view, find_detector, read_surface_of
 from .loading import Design, list_assumed
@@ -95,8 +86,7 @@ def _compile(design: Design) -> System:
     refuse_behind_detector(design, views, fiducials, targets)
     flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
     tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)
-    half_width = np.empty(fiducials.shape)
-    half_width[:] = 0.0 if made is None else made.half_width_mm
+    half_width = np.broadcast_to(0.0 if made is None else made.half_width_mm, fiducials.shape)
     groups = {body.name: tuple(body.targets) for body in document.bodies}
     named = [named_samples(item, samples, groups) for item in document.requirements]
     asked = [(item.measure, tuple(names)) for item, names in zip(document.requirements, named, strict=True)]
@@ -158,19 +148,12 @@ def _refuse_two_shots(system: System, names: Sequence[str]) -> None:
 
 def _effects(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
     """What is declared, one kind after the other, and each in the views as they stand."""
-    pivots = find_pivots(document)
-    hosts: dict[Host, list[tuple[Record, Setting]]] = {
-        "design": [(document, Setting("", views, pivots))],
-        "execution": [(document.execution, Setting("/execution", views, pivots))],
-        "fiducials": [(document.fiducials, Setting("/fiducials", views, pivots))],
-        "view": [
-            (view, Setting(f"/views/{index}", (compiled,), pivots))
-            for index, (view, compiled) in enumerate(zip(document.views, views, strict=True))
-        ],
-    }
+    pivots, hosts = find_pivots(document), list_hosts(document)
     for kind in EFFECTS:
-        for record, setting in hosts[kind.host]:
-            yield from kind.compile(record, setting)
+        pointer = "" if kind.host == "design" else f"/{kind.host}"
+        for index, record in enumerate(hosts[kind.host]):
+            at, seen = (f"/views/{index}", views[index : index + 1]) if kind.host == "view" else (pointer, views)
+            yield from kind.compile(record, Setting(at, seen, pivots))
 
 
 # --- mounts -----------------------------------------------------------------------------------------
@@ -189,12 +172,8 @@ def _interface(interface: Interface | None, name: str, notes: list[str]) -> Dire
         sources = interface.tolerances.sources
     elif interface.locators is not None:
         held = interface.locators
-        direction = torsor_from_locators(
-            np.array([locator.position_mm for locator in held]),
-            np.array([locator.normal for locator in held]),
-            pivot,
-            f"/interfaces/{name}/locators",
-        )
+        places, normals = (np.array([getattr(each, at) for each in held]) for at in ("position_mm", "normal"))
+        direction = torsor_from_locators(places, normals, pivot, f"/interfaces/{name}/locators")
         stated = [
             Source(locator.name, locator.distribution, locator.half_width_mm, locator.coverage_factor, "mm", way)
             for locator, way in zip(held, direction.T, strict=True)
@@ -230,12 +209,9 @@ def torsor_of_features(
         for item in feature.items():
             name, begin = f"{feature.name} {item.name}", len(stated)
             parts = (instead or {}).get((feature.name, item.name), item.parts)
-            stated += [
-                Source(
-                    name if k == 0 else f"{name}, {k + 1}", part.law, part.half_width, None, "mm", own @ part.weights
-                )
-                for k, part in enumerate(parts)
-            ]
+            for k, part in enumerate(parts):
+                called = f"{name}, {k + 1}" if k else name
+                stated.append(Source(called, part.law, part.half_width, None, "mm", own @ part.weights))
             together += [tuple(range(begin, len(stated)))] if len(parts) > 1 else []
     return replace(gather_sources(stated, 6), together=tuple(together)), middle
 
@@ -311,18 +287,8 @@ def _requirement(item: RequirementDocument, pointer: str, names: list[str], metr
     asked: tuple[str, int | None, float | None] = item.statistic, item.n, item.limit_probability
     if item.risk != "pooled" and item.limit_probability is not None:
         asked = "quantile", None, None  # each unit keeps its share beyond the limit where it keeps its own quantile
-    return Requirement(
-        item.name,
-        item.measure,
-        item.pooled_quantile,
-        item.limit,
-        item.confidence,
-        sites,
-        item.risk,
-        item.min_yield,
-        *asked,
-        tuple(item.ids),
-    )
+    promised = item.name, item.measure, item.pooled_quantile, item.limit, item.confidence
+    return Requirement(*promised, sites, item.risk, item.min_yield, *asked, tuple(item.ids))
 
 
 def refuse_behind_detector(
@@ -331,8 +297,7 @@ def refuse_behind_detector(
     """A distance to the detector is known for aimed views only; the System no longer holds it."""
     points = np.concatenate([fiducials, [target.position_mm for target in targets]])
     labels = design.fiducials.labels
-    detectors = map(find_detector, design.document.views)
-    for index, (compiled, detector) in enumerate(zip(views, detectors, strict=True)):
+    for index, (compiled, detector) in enumerate(zip(views, map(find_detector, design.document.views), strict=True)):
         depth = depths(compiled.projection, points)
         if compiled.sees is not None:
             depth[: len(labels)][[label not in compiled.sees for label in labels]] = -np.inf
@@ -379,8 +344,6 @@ def _name_left_out(design: Design) -> list[Problem]:
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius
-
-
 HOLDING = {  # how a part is held that is not
     "six locators": "move or turn a locator so that it resists that motion (3-2-1: three on one face, two on the next, "
     "one on the third)",

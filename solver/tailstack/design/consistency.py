@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, product
-from math import comb
+from math import comb, prod
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from ..cures import ask_label
 from ..effects import EFFECTS
 from ..effects.kind import Host
 from ..errors import Problem
-from ..fields import INTERFACES, Record
+from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import RotationForm
 from ..measures.measure import Channel
 from ..measures.rigid_fit import condition_number, spread_of
 from ..results import Vector3
-from ..system import ROTATIONS, TRANSLATIONS, Target
+from ..system import ROTATIONS, TORSOR_COMPONENTS, TRANSLATIONS, Target
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, Region, RigidBody, TargetDocument
 from .drawn import check_freed
 from .fiducial_files import FiducialList
@@ -45,7 +45,8 @@ def check_document(document: DesignDocument, limits: Limits) -> Iterator[Problem
     yield from find_duplicates([view.name for view in document.views], "/views/{}/name".format, "views")
     named = [target.name for target in document.targets]
     yield from find_duplicates(named, "/targets/{}/name".format, "targets")
-    yield from _expanded_names(document.targets) + _bodies(document)
+    yield from _expanded_names(document.targets)
+    yield from _bodies(document)
     for index, target in enumerate(document.targets):
         if target.entry is not None:
             points = [t.name for t in document.targets if t.position_mm not in (None, target.position_mm)]
@@ -67,29 +68,27 @@ def check_document(document: DesignDocument, limits: Limits) -> Iterator[Problem
             distances = comb(sum(sizes), 2)
             yield from _too_many(f"/requirements/{index}/targets", "distances between them", distances, limits.targets)
     yield from _estimator(document)
-    pivots, hosts = find_pivots(document), _hosts(document)
+    pivots, hosts = find_pivots(document), list_hosts(document)
     checks = [(kind.check, record) for kind in EFFECTS if kind.check for record in hosts[kind.host]]
     yield from (found for check, record in checks for found in check(record, pivots))
     yield from check_optimise(document, limits.fiducials)
 
 
-def _major_along(index: int, target: TargetDocument, places: Mapping[str, Vector3 | None]) -> list[Problem]:
+def _major_along(index: int, target: TargetDocument, places: Mapping[str, Vector3 | None]) -> Iterator[Problem]:
     """A channel's major half-axis along the channel, which tells no direction across it."""
     entry, major = places.get(target.entry or ""), target.corridor_major_direction
     if major is None or entry is None or target.position_mm is None:
-        return []
+        return
     ahead = np.subtract(target.position_mm, entry)
-    if np.linalg.norm(np.cross(ahead, major)) > 1e-3 * np.linalg.norm(ahead) * np.linalg.norm(major):
-        return []
-    detail = f"{list(major)} is along the trajectory from {target.entry}: it tells no direction across it"
-    hint = "give a direction across, such as that of the longer diameter of the pedicle"
-    return [Problem(f"/targets/{index}/corridor_major_direction", "along-trajectory", detail, hint)]
+    if np.linalg.norm(np.cross(ahead, major)) <= 1e-3 * np.linalg.norm(ahead) * np.linalg.norm(major):
+        detail = f"{list(major)} is along the trajectory from {target.entry}: it tells no direction across it"
+        hint = "give a direction across, such as that of the longer diameter of the pedicle"
+        yield Problem(f"/targets/{index}/corridor_major_direction", "along-trajectory", detail, hint)
 
 
 def find_pivots(document: DesignDocument) -> dict[str, Vector3]:
     """Pivots of the interfaces that are declared, con, mm."""
-    interfaces: dict[str, Interface | None] = {name: getattr(document.interfaces, name) for name in INTERFACES}
-    return {name: interface.pivot_mm for name, interface in interfaces.items() if interface is not None}
+    return {name: interface.pivot_mm for name, interface in document.interfaces.by_name.items()}
 
 
 def _estimator(document: DesignDocument) -> Iterator[Problem]:
@@ -121,12 +120,12 @@ def _list_fiducials(document: DesignDocument) -> Iterator[tuple[str, str, Sequen
         if view.sees is not None:
             yield f"/views/{index}/sees", f"view {view.name} lists the fiducials that it sees", view.sees
     for kind in EFFECTS:
-        for record in _hosts(document)[kind.host]:
+        for record in list_hosts(document)[kind.host]:
             for pointer, labels in kind.list_fiducials(record) if kind.list_fiducials else ():
                 yield pointer, f"{pointer} lists fiducials", labels
 
 
-def _hosts(document: DesignDocument) -> dict[Host, Sequence[Record]]:
+def list_hosts(document: DesignDocument) -> dict[Host, Sequence[Record]]:
     """The records that sections of effects stand in."""
     return {
         "design": [document],
@@ -136,41 +135,38 @@ def _hosts(document: DesignDocument) -> dict[Host, Sequence[Record]]:
     }
 
 
-def _too_many(pointer: str, what: str, count: int, limit: int) -> list[Problem]:
-    if count <= limit:
-        return []
-    return [Problem(pointer, "too-many", f"{count} {what}; at most {limit} are accepted")]
+def _too_many(pointer: str, what: str, count: int, limit: int) -> Iterator[Problem]:
+    if count > limit:
+        yield Problem(pointer, "too-many", f"{count} {what}; at most {limit} are accepted")
 
 
-def _expanded_names(targets: Sequence[TargetDocument]) -> list[Problem]:
+def _expanded_names(targets: Sequence[TargetDocument]) -> Iterator[Problem]:
     """A point that is called like a sample of a region (zone[3]) would be counted twice."""
     samples = {f"{t.name}[{i}]" for t in targets if t.region for i in range(min(sample_count(t), 10_000))}
-    return [
-        Problem(f"/targets/{i}/name", "duplicate-name", f"{t.name!r} is also the name of a sample of a region")
-        for i, t in enumerate(targets)
-        if t.name in samples
-    ]
+    for i, t in enumerate(targets):
+        if t.name in samples:
+            detail = f"{t.name!r} is also the name of a sample of a region"
+            yield Problem(f"/targets/{i}/name", "duplicate-name", detail)
 
 
-def _bodies(document: DesignDocument) -> list[Problem]:
+def _bodies(document: DesignDocument) -> Iterator[Problem]:
     """Bodies have names of their own, and targets that are points, three of them not on one line."""
     points = {target.name: target.position_mm for target in document.targets if target.position_mm is not None}
     taken = list(dict.fromkeys(target.name for target in document.targets))
     names = [body.name for body in document.bodies]
-    problems = find_duplicates([*taken, *names], lambda k: f"/bodies/{k - len(taken)}/name", "targets or bodies")
+    yield from find_duplicates([*taken, *names], lambda k: f"/bodies/{k - len(taken)}/name", "targets or bodies")
     for index, body in enumerate(document.bodies):
         pointer = f"/bodies/{index}"
         unknown = check_entries(f"{pointer}/targets", "target with position_mm", body.targets, list(points))
-        problems += unknown
+        yield from unknown
         if body.against is not None:
             others = [name for name in names if name != body.name]
-            problems += find_unknown(f"{pointer}/against", "other body", body.against, others)
+            yield from find_unknown(f"{pointer}/against", "other body", body.against, others)
         if not unknown:
             spread = spread_of(places_of(document, body))
             if spread[1] <= 1e-3 * spread[0]:
                 detail = f"the targets of {body.name} lie on a line: its rotation about it is not known"
-                problems.append(Problem(f"{pointer}/targets", "free-motion", detail, "add one beside it"))
-    return problems
+                yield Problem(f"{pointer}/targets", "free-motion", detail, "add one beside it")
 
 
 def places_of(document: DesignDocument, body: RigidBody) -> Array:
@@ -185,137 +181,117 @@ def describe_condition(document: DesignDocument, body: RigidBody) -> str:
     return f"body {body.name}: condition number of its targets {number:.0f} /m (in radiostereometry 150 or less)"
 
 
-def _preset(view: PresetView, pointer: str) -> list[Problem]:
-    preset = PRESETS.get(view.preset)
-    if preset is None:
-        return find_unknown(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
-    problems = []
+def _preset(view: PresetView, pointer: str) -> Iterator[Problem]:
+    if (preset := PRESETS.get(view.preset)) is None:
+        yield from find_unknown(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
+        return
     for name in preset.view_must_state:
         if getattr(view, name) is None:
             detail = f"the field {name!r} is required: preset {preset.name} does not state it"
-            problems.append(Problem(pointer, "missing-field", detail, preset.remark or f"add {name}"))
+            yield Problem(pointer, "missing-field", detail, preset.remark or f"add {name}")
     isocentre = view.source_isocentre_mm or preset.source_isocentre_mm
     detector = view.source_detector_mm or preset.source_detector_mm
     if isocentre is not None and isocentre >= detector:
         detail = f"the isocentre lies between source and detector: {isocentre:g} mm is not below {detector:g} mm"
-        problems.append(Problem(f"{pointer}/source_isocentre_mm", "distance-order", detail))
-    return problems
+        yield Problem(f"{pointer}/source_isocentre_mm", "distance-order", detail)
 
 
 def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
     """(interface, component) of every tolerance of these components that the two interfaces declare; of those that are
     correlated none, for their half-widths stay."""
     declared = []
-    for name in INTERFACES:
-        interface: Interface | None = getattr(document.interfaces, name)
-        if interface is not None and interface.tolerances is not None:
-            tolerances = interface.tolerances
+    for name, interface in document.interfaces.by_name.items():
+        if (tolerances := interface.tolerances) is not None:
             stated = [axis for axis in components if getattr(tolerances, axis) is not None]
             declared += [(name, axis) for axis in stated if not tolerances.is_correlated(axis)]
     return declared
 
 
-def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Problem]:
+def check_optimise(document: DesignDocument, most_fiducials: int) -> Iterator[Problem]:
     """Requirements, tolerances, pivots and locators that the section names exist."""
-    wanted = document.optimise
-    if wanted is None:
-        return []
-    problems: list[Problem] = []
+    if (wanted := document.optimise) is None:
+        return
     names = [requirement.name for requirement in document.requirements]
     if not names:
-        detail = "the design has no requirements: no limit to hold"
-        problems.append(Problem("/optimise", "missing-field", detail, "add one"))
+        yield Problem("/optimise", "missing-field", "the design has no requirements: no limit to hold", "add one")
     elif isinstance(wanted.requirement, str):
-        problems += find_unknown("/optimise/requirement", "requirement", wanted.requirement, names)
+        yield from find_unknown("/optimise/requirement", "requirement", wanted.requirement, names)
     elif wanted.requirement is not None:
-        problems += check_entries("/optimise/requirement", "requirement", wanted.requirement, names)
+        yield from check_entries("/optimise/requirement", "requirement", wanted.requirement, names)
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
-        problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
-    return problems + _views(document, wanted) + _tolerances(document, wanted) + _mounts(document, wanted)
+        yield Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}")
+    yield from chain(_views(document, wanted), _tolerances(document, wanted), _mounts(document, wanted))
 
 
-def _views(document: DesignDocument, wanted: Optimise) -> list[Problem]:
+def _views(document: DesignDocument, wanted: Optimise) -> Iterator[Problem]:
     """Views that may be aimed otherwise are aimed, each is named once, and their sources stay before the detector; the
     view that may be added has a name of its own, and the same holds of the one that it is a copy of."""
     views, entries = {view.name: view for view in document.views}, wanted.views or []
     turned = {index: each.view for index, each in enumerate(entries) if isinstance(each, FreeView)}
-    problems = find_duplicates(
-        list(turned.values()), lambda index: f"/optimise/views/{list(turned)[index]}/view", "entries"
-    )
+    yield from find_duplicates([*turned.values()], lambda k: f"/optimise/views/{[*turned][k]}/view", "entries")
     for index, each in enumerate(entries):
         field, name = ("like", each.like) if isinstance(each, AddedView) else ("view", each.view)
         pointer, view = f"/optimise/views/{index}", views.get(name)
         if isinstance(each, AddedView) and each.add in views:
             detail, hint = f"the design has a view {each.add!r} already", "give the new one another name"
-            problems.append(Problem(f"{pointer}/add", "duplicate-name", detail, hint))
-        problems += find_unknown(f"{pointer}/{field}", "view", name, list(views))
+            yield Problem(f"{pointer}/add", "duplicate-name", detail, hint)
+        yield from find_unknown(f"{pointer}/{field}", "view", name, list(views))
         if isinstance(view, PresetView | DistanceView):
             preset = PRESETS.get(view.preset) if isinstance(view, PresetView) else None
             detector_mm = view.source_detector_mm or (preset and preset.source_detector_mm)
             if each.source_isocentre_mm and detector_mm and each.source_isocentre_mm[1] >= detector_mm:
                 detail = f"{each.source_isocentre_mm[1]:g} mm is not below the {detector_mm:g} mm to the detector"
-                problems.append(Problem(f"{pointer}/source_isocentre_mm/1", "distance-order", detail))
+                yield Problem(f"{pointer}/source_isocentre_mm/1", "distance-order", detail)
         elif view is not None:
             detail = f"{name} is given by a matrix or by intrinsics and a pose, which say nothing of how it is aimed"
             other = "name another" if field == "like" else "leave it as it is"
-            hint = f"give it by a preset or by distances, or {other}"
-            problems.append(Problem(f"{pointer}/{field}", "not-aimed", detail, hint))
-    return problems
+            yield Problem(f"{pointer}/{field}", "not-aimed", detail, f"give it by a preset or by distances, or {other}")
 
 
-def _tolerances(document: DesignDocument, wanted: Optimise) -> list[Problem]:
-    problems = []
+def _tolerances(document: DesignDocument, wanted: Optimise) -> Iterator[Problem]:
     for index, free in enumerate(wanted.tolerances):
         interface: Interface | None = getattr(document.interfaces, free.interface)
+        tolerances = None if interface is None else interface.tolerances
         pointer = f"/optimise/tolerances/{index}"
         if interface is not None and interface.locators is not None:
             names = [locator.name for locator in interface.locators]
-            problems += find_unknown(f"{pointer}/component", "locator", free.component, names)
-            continue
-        if interface is not None and interface.features is not None:
-            problems += check_freed(interface.features, free, pointer, wanted.grade_prices)
-            continue
-        if free.also or any(grade.drawn_value is not None for grade in free.grades or ()):
+            yield from find_unknown(f"{pointer}/component", "locator", free.component, names)
+        elif interface is not None and interface.features is not None:
+            yield from check_freed(interface.features, free, pointer, wanted.grade_prices)
+        elif free.also or any(grade.drawn_value is not None for grade in free.grades or ()):
             detail = f"{free.interface} has no features: values of a drawing say nothing of it"
-            problems.append(Problem(pointer, "unused-field", detail, "give half-widths, and leave out also"))
-            continue
-        if free.component not in (*ROTATIONS, *TRANSLATIONS):
-            problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
-            continue
-        tolerances = None if interface is None else interface.tolerances
-        if tolerances is not None and tolerances.is_correlated(free.component):
+            yield Problem(pointer, "unused-field", detail, "give half-widths, and leave out also")
+        elif free.component not in TORSOR_COMPONENTS:
+            yield from find_unknown(f"{pointer}/component", "component", free.component, TORSOR_COMPONENTS)
+        elif tolerances is not None and tolerances.is_correlated(free.component):
             what = f"{free.interface} {free.component} is correlated with others"
             cure = "leave it out here: its half-width stays, and beads move under it"
             detail = f"{what}: what a part of them costs alone is not modelled"
-            problems.append(Problem(pointer, "correlated", detail, cure))
+            yield Problem(pointer, "correlated", detail, cure)
         elif tolerances is None or getattr(tolerances, free.component) is None:
             detail = f"{free.interface} declares no tolerance for {free.component}: its law is not known"
             cure = f"add interfaces/{free.interface}/tolerances/{free.component}"
-            problems.append(Problem(pointer, "unknown-name", detail, cure))
+            yield Problem(pointer, "unknown-name", detail, cure)
     for field, components in (("rotation_bounds", ROTATIONS), ("translation_bounds", TRANSLATIONS)):
         if getattr(wanted, field) is not None and not list_declared(document, components):
             detail = f"neither interface declares a {field.partition('_')[0]}al tolerance that is independent of others"
             cure = f"declare {', '.join(components[:-1])} or {components[-1]} under interfaces/.../tolerances"
-            problems.append(Problem(f"/optimise/{field}", "nothing-free", detail, cure))
-    return problems
+            yield Problem(f"/optimise/{field}", "nothing-free", detail, cure)
 
 
-def _mounts(document: DesignDocument, wanted: Optimise) -> list[Problem]:
+def _mounts(document: DesignDocument, wanted: Optimise) -> Iterator[Problem]:
     """Pivots of seats with tolerances may move."""
-    problems = []
     for index, pivot in enumerate(wanted.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
-        if interface is None or interface.is_held:
+        if interface is None:
+            why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
+        elif interface.is_held:
             why = "is held by its contacts: its pivot only reduces them"
-            held = interface is not None and interface.locators is not None
-            cure = "free its locators instead" if held else "free what it states instead"
-            if interface is None:
-                why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
-            problems.append(
-                Problem(f"/optimise/pivots/{index}/interface", "no-pivot", f"{pivot.interface} {why}", cure)
-            )
-    return problems
+            cure = "free what it states instead" if interface.locators is None else "free its locators instead"
+        else:
+            continue
+        yield Problem(f"/optimise/pivots/{index}/interface", "no-pivot", f"{pivot.interface} {why}", cure)
 
 
 def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
@@ -324,8 +300,7 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
     if wanted is None:
         return []
     labels = fiducials.labels
-    problems: list[Problem] = []
-    problems += check_entries("/optimise/fixed", "fiducial", wanted.fixed, labels)
+    problems = check_entries("/optimise/fixed", "fiducial", wanted.fixed, labels)
     named = [
         (f"/optimise/regions/{r}/fiducials/{i}", label)
         for r, region in enumerate(wanted.regions or ())
@@ -337,9 +312,7 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
             hint = "take it out of fixed, or out of the region"
             problems.append(Problem(pointer, "fixed-and-free", f"{label!r} is also listed as fixed", hint))
         problems += find_unknown(pointer, "fiducial", label, labels)
-    if problems:
-        return problems
-    return _groups(wanted, labels) + _counts(document, wanted, len(labels))
+    return problems or _groups(wanted, labels) + _counts(document, wanted, len(labels))
 
 
 def _groups(wanted: Optimise, labels: tuple[str, ...]) -> list[Problem]:
@@ -415,8 +388,7 @@ def sample_count(target: TargetDocument) -> int:
         return 1
     if target.region.box is None:
         return 15
-    counts = _axis_counts(target.region.box)
-    return counts[0] * counts[1] * counts[2]
+    return prod(_axis_counts(target.region.box))
 
 
 def _axis_counts(box: Box) -> tuple[int, int, int]:
@@ -432,7 +404,7 @@ def expand_target(target: TargetDocument) -> tuple[Target, ...]:
         place = frozen(target.position_mm)
         channel, two = _channel_of(target), target.ends == "two_shots"
         return (Target(target.name, place, None, direction, target.entry, channel, two),)
-    points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
+    points = _box_points(target.region.box) if target.region.box is not None else _sphere_points(target.region)
     assert len(points) == sample_count(target)
     return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])
 
@@ -446,9 +418,7 @@ def _channel_of(target: TargetDocument) -> Channel | None:
     return Channel((entry + more, entry), (end + more, end), major)
 
 
-def _box_points(region: Region) -> list[Array]:
-    box = region.box
-    assert box is not None
+def _box_points(box: Box) -> list[Array]:
     axes = [
         centre + (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)) * size
         for centre, size, count in zip(box.centre_mm, box.size_mm, _axis_counts(box), strict=True)

@@ -13,13 +13,7 @@ from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import (
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    model_validator,
-)
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from ..effects import with_sections
 from ..field_names import write_value
@@ -104,6 +98,7 @@ if TYPE_CHECKING:
 else:
     RiskName = Literal[RISKS]
 FOOT_PX = AnySize("principal-point judges it by the middle of the image")
+_FileName = Annotated[str, Field(min_length=1, max_length=400)]
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
 
 
@@ -202,18 +197,15 @@ class _Aimed(_View):
     def _directions_differ(self) -> _Aimed:
         beam, up = self.beam, self.up_direction
         if are_parallel(beam, up):
-            detail = (
-                f"beam direction {list(beam)} and up_direction {list(up)} must be two different directions, not zero"
-            )
+            both = f"beam direction {list(beam)} and up_direction {list(up)}"
+            detail = f"{both} must be two different directions, not zero"
             raise refusal("parallel-directions", detail, "choose an up_direction across the beam", "up_direction")
         return self
 
     @property
     def beam(self) -> tuple[float, float, float]:
         """Direction of the beam in con."""
-        if self.beam_direction is not None:
-            return self.beam_direction
-        return ALONG[self.orientation or "AP"]
+        return self.beam_direction or ALONG[self.orientation or "AP"]
 
 
 class PresetView(_Aimed):
@@ -252,12 +244,9 @@ class DistanceView(_Aimed):
     @model_validator(mode="after")
     def _detector_behind_isocentre(self) -> DistanceView:
         if self.source_isocentre_mm >= self.source_detector_mm:
-            raise refusal(
-                "distance-order",
-                f"the isocentre lies between source and detector: source_isocentre_mm {self.source_isocentre_mm} is "
-                f"not below source_detector_mm {self.source_detector_mm}",
-                at="source_isocentre_mm",
-            )
+            distances = f"source_isocentre_mm {self.source_isocentre_mm} is not below source_detector_mm"
+            detail = f"the isocentre lies between source and detector: {distances} {self.source_detector_mm}"
+            raise refusal("distance-order", detail, at="source_isocentre_mm")
         return self
 
 
@@ -274,9 +263,8 @@ class Intrinsics(Record):
     @model_validator(mode="after")
     def _focal_not_zero(self) -> Intrinsics:
         if min(map(abs, self.focal_px)) < 1:
-            raise refusal(
-                "out-of-range", f"focal lengths must be at least 1 px; got {list(self.focal_px)}", at="focal_px"
-            )
+            detail = f"focal lengths must be at least 1 px; got {list(self.focal_px)}"
+            raise refusal("out-of-range", detail, at="focal_px")
         return self
 
 
@@ -313,12 +301,9 @@ VIEW_KINDS: dict[str, type[_View]] = {
 _TAGS: dict[type, str] = {kind: tag for tag, kind in VIEW_KINDS.items()}
 _TELLS = {
     "projection": "<projection>",
-    "intrinsics": "<intrinsics>",
-    "pose": "<intrinsics>",
+    **dict.fromkeys(("intrinsics", "pose"), "<intrinsics>"),
     "preset": "<preset>",
-    "source_detector_mm": "<distances>",
-    "source_isocentre_mm": "<distances>",
-    "pixel_mm": "<distances>",
+    **dict.fromkeys(("source_detector_mm", "source_isocentre_mm", "pixel_mm"), "<distances>"),
 }
 
 
@@ -345,7 +330,7 @@ ViewDocument = Annotated[
 class PointFile(Record):
     """Points in a file beside the design, of the formats of fiducial files."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["plan/lesions.fcsv"])
+    file: _FileName = Field(examples=["plan/lesions.fcsv"])
     """Its name, a relative path."""
     T_con_file: Transform | None = None
     """Maps its coordinates (LPS, mm) to con, as that of fiducials. Default identity."""
@@ -356,9 +341,8 @@ class PointFile(Record):
     @model_validator(mode="after")
     def _one_motion(self) -> Self:
         if self.T_con_file is not None and self.as_fiducials:
-            raise refusal(
-                "one-of", "as_fiducials says where T_con_file comes from; both arrived", KEEP_ONE, "T_con_file"
-            )
+            detail = "as_fiducials says where T_con_file comes from; both arrived"
+            raise refusal("one-of", detail, KEEP_ONE, "T_con_file")
         return self
 
 
@@ -396,7 +380,7 @@ class FiducialOrigin(Record):
     Written when a fiducial file is read into a design (convert, optimise, report), so that results go on saying it.
     """
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["fiducials/phantom.mrk.json"])
+    file: _FileName = Field(examples=["fiducials/phantom.mrk.json"])
     """Name of the fiducial file, as the design named it."""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = Field(examples=["0" * 64])
     """SHA-256 of the file's bytes, 64 hexadecimal digits."""
@@ -449,7 +433,7 @@ WAYS_OF_HOLDING = ("tolerances", "locators", "locator_files", "features", "drawi
 class SeatDrawing(Record):
     """A STEP file whose tolerances (AP242) state a seat: a flat face and two dowel holes."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["carrier.step"])
+    file: _FileName = Field(examples=["carrier.step"])
     """STEP file beside the design (relative path)."""
     pin_class: Annotated[str, Field(min_length=2, max_length=6)] = Field(examples=["g6"])
     """Class of ISO 286 of the pins that go into its holes."""
@@ -522,11 +506,17 @@ class Interfaces(Record):
     connector_flange: Interface | None = None
     """Connector on the end-effector flange (T_err2). Absent: perfect."""
 
+    @property
+    def by_name(self) -> dict[str, Interface]:
+        """Those that are there."""
+        each = {"structure_connector": self.structure_connector, "connector_flange": self.connector_flange}
+        return {name: interface for name, interface in each.items() if interface is not None}
+
 
 class PosePairs(Record):
     """Where the poses of a hand-eye calibration stand."""
 
-    file: Annotated[str, Field(min_length=1, max_length=400)] = Field(examples=["hand_eye.csv"])
+    file: _FileName = Field(examples=["hand_eye.csv"])
     """CSV beside the design: of each pose flange_x_mm, flange_y_mm, flange_z_mm, flange_qw, flange_qx, flange_qy,
     flange_qz (in the robot's base), and the same of tool_ (in the tracker). Not in a request, which has their
     covariance."""
@@ -601,17 +591,12 @@ def _check_passive(rows: Sequence[Sequence[float]]) -> None:
         half = next((each for each in halves if np.array_equal(each, matrix)), None)
         whole = mean if half is None else half + half.T - np.diag(np.diag(half))
         what = "the mean of the two is" if half is None else "with both of its halves it is"
-        cure = (
-            f"matrix_mm_per_n: {write_value(whole.tolist(), 6)}"
-            if np.linalg.eigvalsh(whole)[0] >= -PASSIVE_ROUNDING * scale
-            else ""
-        )
-        raise refusal(
-            "not-symmetric",
-            f"a compliance is symmetric; {_name_entry(i, j)} is {matrix[i, j]:g}, {_name_entry(j, i)} {matrix[j, i]:g}",
-            f"{what} {cure}" if cure else "check the signs and the order of its entries",
-            "matrix_mm_per_n",
-        )
+        cure = "check the signs and the order of its entries"
+        if np.linalg.eigvalsh(whole)[0] >= -PASSIVE_ROUNDING * scale:
+            cure = f"{what} matrix_mm_per_n: {write_value(whole.tolist(), 6)}"
+        first, second = (f"row {row + 1}, column {column + 1}" for row, column in ((i, j), (j, i)))
+        detail = f"a compliance is symmetric; {first} is {matrix[i, j]:g}, {second} {matrix[j, i]:g}"
+        raise refusal("not-symmetric", detail, cure, "matrix_mm_per_n")
     if values[0] < -PASSIVE_ROUNDING * scale or np.diag(matrix).min() < 0:
         axis = axes[:, 0] * (1 if axes[np.abs(axes[:, 0]).argmax(), 0] > 0 else -1)
         along = ", ".join(f"{each + 0.0:.3g}" for each in axis.round(3))
@@ -631,10 +616,6 @@ def _check_passive(rows: Sequence[Sequence[float]]) -> None:
 
 def _excess(matrix: Array, i: int, j: int) -> float:
     return float(abs(matrix[i, j]) - np.sqrt(matrix[i, i] * matrix[j, j]))
-
-
-def _name_entry(i: int, j: int) -> str:
-    return f"row {i + 1}, column {j + 1}"
 
 
 class Compliance(Record):
@@ -673,13 +654,10 @@ class Execution(Record):
 
 
 SCHEMA_NAME = "tailstack/design/1"
-
 _Side = Annotated[float, Field(ge=0, le=1e5), EXTENT_MM]
 _Sides = Annotated[tuple[_Side, _Side, _Side], Field(strict=False), EXTENT_MM]
 _Count = Annotated[int, Field(ge=1, le=20), COUNT]
 _Counts = Annotated[tuple[_Count, _Count, _Count], Field(strict=False)]
-
-
 LossProbability = Annotated[float, Field(ge=0, lt=1), SHARE]
 
 
@@ -728,9 +706,7 @@ class Fiducials(Record):
 
     points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = None
     """The fiducials, at least six (four for pose and pose_with_prior). Either this or file."""
-    file: Annotated[str, Field(min_length=1, max_length=400)] | None = Field(
-        default=None, examples=["fiducials/demo.csv"]
-    )
+    file: _FileName | None = Field(default=None, examples=["fiducials/demo.csv"])
     """Fiducial file beside the design (relative path): .csv with units in the header (label,x_mm,y_mm,z_mm), 3D Slicer
     .mrk.json or .fcsv. RAS coordinates are converted to LPS."""
     T_con_file: Transform | None = None
@@ -839,11 +815,10 @@ class TargetDocument(Record):
     trajectory does not count."""
 
     @model_validator(mode="after")
-    def _corridor(self) -> TargetDocument:
-        if self.corridor_mm is not None and self.entry is None:
-            raise refusal("unused-field", "corridor_mm is read only beside entry: NAME", at="corridor_mm")
-        if self.ends != "one_shot" and self.entry is None:
-            raise refusal("unused-field", "ends is read only beside entry: NAME", at="ends")
+    def _trajectory(self) -> TargetDocument:
+        for name, unused in (("corridor_mm", None), ("ends", "one_shot")):
+            if getattr(self, name) != unused and self.entry is None:
+                raise refusal("unused-field", f"{name} is read only beside entry: NAME", at=name)
         for name in ("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction"):
             if getattr(self, name) is not None and self.corridor_mm is None:
                 raise refusal("unused-field", f"{name} is read only beside corridor_mm", at=name)
@@ -853,17 +828,13 @@ class TargetDocument(Record):
         if self.corridor_major_mm is not None and self.corridor_major_mm < (self.corridor_mm or 0.0):
             detail = f"corridor_major_mm is {self.corridor_major_mm:g}, less than corridor_mm, {self.corridor_mm:g}"
             raise refusal("out-of-range", detail, "the larger half-axis is corridor_major_mm", "corridor_major_mm")
-        return self
-
-    _as_before = leave_out_later("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction", "ends")
-
-    @model_validator(mode="after")
-    def _direction(self) -> TargetDocument:
         stated = [name for name in ("direction", "entry") if getattr(self, name) is not None]
         if stated and (self.region is not None or len(stated) > 1):
             detail = "beside position_mm stands direction or entry, beside region neither"
             raise refusal("unused-field", detail, at=stated[0])
         return self
+
+    _as_before = leave_out_later("corridor_entry_mm", "corridor_major_mm", "corridor_major_direction", "ends")
 
 
 class TargetFile(PointFile):
@@ -972,23 +943,17 @@ class RequirementDocument(Record):
         for name in ("quantile", "limit_probability", "n"):
             if name not in row.needs + row.reads and getattr(self, name) != type(self).model_fields[name].default:
                 raise refusal("unused-field", f"statistic: {row.name} does not read {name}", at=name)
-        if self.pooled_quantile > HIGHEST:
-            detail = (
-                f"P{100 * self.quantile:g} of the largest of {self.n} shots is P{100 * self.pooled_quantile:.7g} of one"
-            )
+        if (level := self.pooled_quantile) > HIGHEST:
+            detail = f"P{100 * self.quantile:g} of the largest of {self.n} shots is P{100 * level:.7g} of one"
             raise refusal("out-of-range", detail, f"a quantile of one shot is at most {HIGHEST:g}: lower n", at="n")
         return self
 
     @model_validator(mode="after")
-    def _side(self) -> RequirementDocument:
+    def _limit(self) -> RequirementDocument:
         if self.measure not in MEASURE:
             each = ", ".join(name.removesuffix("_above") for name in MEASURE if name.endswith("_above"))
             detail = f"side is read only with error: {each}; the size of {self.error} has no sign"
             raise refusal("unused-field", detail, at="side")
-        return self
-
-    @model_validator(mode="after")
-    def _limit(self) -> RequirementDocument:
         own = MEASURE[self.error].limit_field
         for name in ("limit_mm", "limit_deg"):
             if name != own and getattr(self, name) is not None:
@@ -1130,7 +1095,6 @@ class DesignDocument(_Design):
     """What nobody stated: JSON pointers into this document. One to a mapping, or to a list of mappings, covers every
     number below it. A verdict says on how many assumed values it rests; who knows a value takes its pointer off. No
     number depends on it. Default none."""
-
     review: Review | None = None
     """Earlier versions by name, and comments pinned to fiducials or lines of the budget. Reports list them; they change
     no number, nor the hash of the design. Absent: none."""
@@ -1152,12 +1116,10 @@ class DesignDocument(_Design):
     @property
     def point_files(self) -> dict[str, TargetFile | LocatorFile]:
         """By pointer: files of targets, and of the locators of either interface."""
-        held = ((name, getattr(self.interfaces, name)) for name in Interfaces.model_fields)
         files = {f"/target_files/{index}": each for index, each in enumerate(self.target_files or ())}
         return files | {
             f"/interfaces/{name}/locator_files/{index}": each
-            for name, interface in held
-            if interface is not None
+            for name, interface in self.interfaces.by_name.items()
             for index, each in enumerate(interface.locator_files or ())
         }
 

@@ -24,11 +24,9 @@ from .optimise_document import FreeTolerance, Grade
 
 SAME = 1e-9  # relative: a size that near that of a value is that of the value
 FIELD_OF = {  # of each item that may be set
-    "flatness": "flatness_mm",
-    "parallelism": "parallelism_mm",
+    **{zone: f"{zone}_mm" for zone in ("flatness", "parallelism", "profile")},
     "fit": "fit",
     "position": "true_position_mm",
-    "profile": "profile_mm",
 }
 Key = tuple[str, str]  # feature and item
 Items = Mapping[Key, tuple[Part, ...]]
@@ -174,17 +172,15 @@ def read_values(features: Sequence[Feature], free: FreeTolerance) -> DrawnValues
     ways = len({(key, way) for key, (_, way) in kinds})
     per = np.array([3 * (std_per_half_width(Law(law)) ** 2 or 1 / 3) for _, (law, _) in kinds]) / ways
     widths = iter(rows[0].tolist())
+    wide = {key: tuple(place._replace(half_width=next(widths)) for place in places) for key, places in shared.items()}
+    names = (" ".join(key) + (f", {k + 1}" if k else "") for key, places in shared.items() for k in range(len(places)))
     return DrawnValues(
-        names=tuple(
-            " ".join(key) + (f", {k + 1}" if k else "") for key, places in shared.items() for k in range(len(places))
-        ),
+        names=tuple(names),
         per_square=per,
         sizes=tuple(float(np.sqrt(per @ row**2)) for row in rows),
         half_widths=tuple(rows),
         now=say_drawn(*named[0]),
-        places={
-            key: tuple(place._replace(half_width=next(widths)) for place in places) for key, places in shared.items()
-        },
+        places=wide,
     )
 
 

@@ -166,7 +166,8 @@ class _Feature(Record):
     @property
     def offset(self) -> Array:
         """(m,) mm: where its contacts are in the middle of what is stated."""
-        return np.zeros(len(self.contacts))
+        height = getattr(self, "height_mm", None)
+        return np.full(len(self.contacts), 0.0 if height is None else Deviations(*height).middle)
 
     def numbers(self) -> Iterator[Stated]:
         """Its numbers that a process holds, in the order of their fields."""
@@ -218,10 +219,6 @@ class Pad(_Feature):
         yield FeatureItem(name, tuple(Part(self.distribution, t / 2, corner) for corner in corners))
         if self.height_mm is not None:
             yield FeatureItem("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(3)),))
-
-    @property
-    def offset(self) -> Array:
-        return np.full(3, 0.0 if self.height_mm is None else Deviations(*self.height_mm).middle)
 
     @property
     def words(self) -> str:
@@ -303,12 +300,19 @@ class FittedFeature(_Feature):
             yield FeatureItem("position", tuple(self._parts(*self.zone, 80 / 3 if self._width_over == 24 else 16)))
 
     def _parts(self, largest: float, square: float, over: float) -> Iterator[Part]:
-        yield from _round_parts(self.distribution, largest / 2, sqrt(square / over), self._rounds)
-
-    @property
-    def _rounds(self) -> list[Array]:
-        """(m, 2) or (m, 1): x and y of each round place, or y alone, at the contacts."""
-        raise NotImplementedError
+        """Scalars of round places that reach half of ``largest`` mm, and vary by ``square / over`` mm^2 along each
+        axis; of one axis as well."""
+        law, reach, every = self.distribution, largest / 2, np.eye(len(self.contacts))
+        for first in range(0, len(every), 2):
+            axes = every[:, first : first + 2]  # x and y of a round place, or y alone, at the contacts
+            if law == "bounded" and axes.shape[1] == 2:
+                side = reach / (1 + sqrt(2))
+                yield from (Part(law, side, axes @ [cos(k * pi / 4), sin(k * pi / 4)]) for k in range(4))
+            elif law == "bounded":
+                yield Part(law, reach, axes[:, 0])
+            else:
+                for way in axes.T:
+                    yield from (Part(each, width, way) for each, width in spread_sum(reach, sqrt(square / over)))
 
     def numbers(self) -> Iterator[Stated]:
         for size, limits in zip(("hole", "pin"), self.limits, strict=True) if self.fit is not None else ():
@@ -339,10 +343,6 @@ class PinInHole(FittedFeature):
     def contacts(self) -> list[tuple[Array, Array]]:
         return [(self.at(0.0, 0.0), self.frame[k]) for k in range(2)]
 
-    @property
-    def _rounds(self) -> list[Array]:
-        return [np.eye(2)]
-
 
 class PinInSlot(FittedFeature):
     """A pin in a slot that runs along ``along``: holds across it, one motion."""
@@ -355,10 +355,6 @@ class PinInSlot(FittedFeature):
     @property
     def contacts(self) -> list[tuple[Array, Array]]:
         return [(self.at(0.0, 0.0), self.frame[1])]
-
-    @property
-    def _rounds(self) -> list[Array]:
-        return [np.eye(1)]
 
 
 class Spigot(FittedFeature):
@@ -374,11 +370,6 @@ class Spigot(FittedFeature):
     def contacts(self) -> list[tuple[Array, Array]]:
         ends = [0.0] if self.length_mm is None else [self.length_mm / 2, -self.length_mm / 2]
         return [(self.at(0.0, 0.0, z), self.frame[k]) for z in ends for k in range(2)]
-
-    @property
-    def _rounds(self) -> list[Array]:
-        each = np.eye(2 if self.length_mm is None else 4)
-        return [each[:, k : k + 2] for k in range(0, len(each), 2)]
 
 
 class Vee(_Feature):
@@ -416,10 +407,6 @@ class RestPoint(_Feature):
 
     def items(self) -> Iterator[FeatureItem]:
         yield FeatureItem("height", (Part(self.distribution, Deviations(*self.height_mm).width / 2, np.ones(1)),))
-
-    @property
-    def offset(self) -> Array:
-        return np.array([Deviations(*self.height_mm).middle])
 
     @property
     def words(self) -> str:
@@ -460,20 +447,6 @@ def refuse_overheld(features: Sequence[_Feature]) -> None:
         cure = "leave out what gives way: a second hole is a slot, a spigot on a pad has no length_mm"
         detail = f"the features hold {sum(held)} motions and a part has six: {each}"
         raise refusal("overheld", detail, cure, "features")
-
-
-def _round_parts(law: str, reach: float, std: float, rounds: Sequence[Array]) -> Iterator[Part]:
-    """Scalars of round places that reach ``reach`` mm and vary by ``std`` mm along each axis; of one axis as well."""
-    for axes in rounds:
-        ways = axes.shape[1]
-        if law == "bounded" and ways == 2:
-            side = reach / (1 + sqrt(2))
-            yield from (Part(law, side, axes @ [cos(k * pi / 4), sin(k * pi / 4)]) for k in range(4))
-        elif law == "bounded":
-            yield Part(law, reach, axes[:, 0])
-        else:
-            for way in axes.T:
-                yield from (Part(each, width, way) for each, width in spread_sum(reach, std))
 
 
 def _say(limits: Deviations) -> str:

@@ -216,9 +216,8 @@ def _system_comment(line: str) -> str | None:
 def _system(text: str, name: str, line: int | None) -> System:
     known = _SYSTEMS.get(text.upper())
     if known is None:
-        raise refuse(
-            name, line, "unknown-value", f"coordinate system {text[:40]!r} cannot be read", "export in LPS or RAS"
-        )
+        detail = f"coordinate system {text[:40]!r} cannot be read"
+        raise refuse(name, line, "unknown-value", detail, "export in LPS or RAS")
     return known
 
 
@@ -363,9 +362,8 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
         named = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
         if system_name or named:
             if rows or left_out:
-                raise refuse(
-                    name, number, "contradiction", "a row stands above this", "put it to the begin of the file"
-                )
+                cure = "put it to the begin of the file"
+                raise refuse(name, number, "contradiction", "a row stands above this", cure)
             system = _system(system_name, name, number) if system_name else system
             columns = _read_fcsv_columns(named[1], name, number) if named else columns
             stated_columns = stated_columns or named is not None
@@ -383,14 +381,13 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
         own = entry.get("id", "").strip()
         if not label and not re.fullmatch(r"[0-9]*|vtkMRML\w*", own):
             label = own
-        if state != "defined":
-            left_out.append(_name_left(label, f"line {number}", state))
-            continue
-        xyz = [read_number(entry[axis], name, number, axis) for axis in "xyz"]
-        if any(map(is_missing, xyz)):
-            left_out.append(_name_left(label, f"line {number}", "missing"))
-        else:
-            rows.append((label, xyz))
+        if state == "defined":
+            xyz = [read_number(entry[axis], name, number, axis) for axis in "xyz"]
+            if not any(map(is_missing, xyz)):
+                rows.append((label, xyz))
+                continue
+            state = "missing"
+        left_out.append(_name_left(label, f"line {number}", state))
     return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, [*remarks, *counts.describe()])
 
 
@@ -480,20 +477,17 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
         label = point.get("label") or ""
         expect(str, label, (*path, "label"), "a label is a text")
         state = point.get("positionStatus", "defined")
-        if state != "defined":
-            known = state if state in _STATES else "undefined"
-            skipped.append(_name_left(label, f"number {index + 1}", known))
-            continue
-        position = point.get("position")
-        if not isinstance(position, list) or len(position) != 3:
-            detail = f"a position is a list of 3 numbers; got {show(position)}"
-            raise refuse_at((*path, "position"), "wrong-type", detail)
-        line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
-        xyz = [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]
-        if any(map(is_missing, xyz)):
-            skipped.append(_name_left(label, f"number {index + 1}", "missing"))
-        else:
-            rows.append((label, xyz))
+        if state == "defined":
+            position, at = point.get("position"), (*path, "position")
+            if not isinstance(position, list) or len(position) != 3:
+                raise refuse_at(at, "wrong-type", f"a position is a list of 3 numbers; got {show(position)}")
+            line = source.locate(at)[0] if any(not isinstance(v, float | int) for v in position) else None
+            xyz = [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]
+            if not any(map(is_missing, xyz)):
+                rows.append((label, xyz))
+                continue
+            state = "missing"
+        skipped.append(_name_left(label, f"number {index + 1}", state if state in _STATES else "undefined"))
     kind, remarks = str(markup.get("type", "Fiducial"))[:40], []
     if kind != "Fiducial":
         remarks.append(f"its type is {kind}, which is no list of points; its control points were read as one")

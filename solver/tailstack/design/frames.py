@@ -91,8 +91,7 @@ def carry(read: FiducialList, motion: FileMotion | None) -> FiducialList:
         return read
     matrix, remarks = motion
     moved = np.round(transform_points(matrix, np.array(read.positions_mm)), DECIMALS) + 0.0  # no negative zeros
-    origin = read.origin
-    if origin is not None:
+    if (origin := read.origin) is not None:
         origin = origin.model_copy(update={"remarks": [*origin.remarks, *remarks][-20:]})
     return replace(read, positions_mm=tuple(map(tuple, moved.tolist())), origin=origin)
 
@@ -139,11 +138,10 @@ def targets_of(section: TargetFile, pointer: str, read: FiducialList) -> list[Ta
         points = zip(read.labels, read.positions_mm, strict=True)
         return [TargetDocument(name=label, position_mm=position) for label, position in points]
     found = []
+    channel = {} if section.corridor_mm is None else {"corridor_mm": section.corridor_mm}
     for (entry, first), (name, last) in ends:
-        channel = {} if section.corridor_mm is None else {"corridor_mm": section.corridor_mm}
         end = {"name": name, "position_mm": last, "entry": entry, **channel}
-        found.append(TargetDocument.model_validate(end))
-        found.append(TargetDocument(name=entry, position_mm=first))
+        found += [TargetDocument.model_validate(end), TargetDocument(name=entry, position_mm=first)]
     return found
 
 
@@ -204,24 +202,18 @@ def _rms(rows: Array) -> float:
 
 def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
     """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
-    matrix, remarks = _transform(value, pointer)
-    notes += remarks
-    return matrix
-
-
-def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
     if value is None:
-        return frozen(np.eye(4)), ()
+        return frozen(np.eye(4))
     if isinstance(value, Pose):
         translation = np.array(value.translation_mm)
         if value.rotation_deg is not None:
-            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
+            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation))
         if value.quaternion_wxyz is not None:
             norm = float(np.linalg.norm(value.quaternion_wxyz))
             if abs(norm - 1) > 1e-3:
                 raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
             rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
-            return frozen(rigid_transform(rotation, translation)), ()
+            return frozen(rigid_transform(rotation, translation))
         rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
         pointer += "/rotation"
     else:
@@ -245,8 +237,9 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
     if defect > 1e-12:
         left, _, right = np.linalg.svd(rotation)
         rotation = left @ right
-    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
-    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
+    if defect > 1e-9:
+        notes.append(f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})")
+    return frozen(rigid_transform(rotation, translation))
 
 
 def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
@@ -257,11 +250,6 @@ def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
 # --- views -> projections, con mm to px -------------------------------------------------------------------
 
 
-def seen_by(view: Any) -> tuple[str, ...] | None:
-    """The labels of the fiducials that a view of the document lists; None: all of them."""
-    return None if view.sees is None else tuple(view.sees)
-
-
 def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
     """A view of the document with its projection, con mm to px; ``notes`` is added to."""
     projection, size = _projection(view, pointer, fiducials, notes)
@@ -270,17 +258,10 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
         place = f"{pointer}/fiducial_noise_px"
         noise, words = describe_noise(view.name, bead_noise(noise, projection, fiducials, find_detector(view), place))
         notes += [words] if words else []
+    sees = None if view.sees is None else tuple(view.sees)
     prior = view.intrinsics_prior
-    return View(
-        view.name,
-        frozen(projection),
-        noise,
-        view.target_noise_px,
-        size,
-        seen_by(view),
-        None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
-        _noise_factors(view),
-    )
+    known = None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd)
+    return View(view.name, frozen(projection), noise, view.target_noise_px, size, sees, known, _noise_factors(view))
 
 
 def _noise_factors(view: Any) -> Array | None:
@@ -318,17 +299,10 @@ def aim_view(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
         return own if own is not None else getattr(preset, name)
 
     size: tuple[int, int] = number("image_size_px")
-    pixel = float(number("pixel_mm"))
-    projection = projection_from_distances(
-        number("source_detector_mm"),
-        number("source_isocentre_mm"),
-        (pixel, pixel),
-        view.principal_point_px or image_centre_px(size),
-        np.array(view.isocentre_mm),
-        np.array(view.beam),
-        np.array(view.up_direction),
-    )
-    return projection, size
+    pixel, foot = float(number("pixel_mm")), view.principal_point_px or image_centre_px(size)
+    detector_mm, isocentre_mm = number("source_detector_mm"), number("source_isocentre_mm")
+    place, beam, up = (np.array(each) for each in (view.isocentre_mm, view.beam, view.up_direction))
+    return projection_from_distances(detector_mm, isocentre_mm, (pixel, pixel), foot, place, beam, up), size
 
 
 def find_detector(view: Any) -> float:

@@ -135,16 +135,13 @@ def fit_hand_eye(flanges: Array, tools: Array) -> HandEyeFit:
         residuals = Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]
         of_tracker = np.swapaxes(carry(undo(foreseen)[:, None], np.eye(6)), 1, 2)
         design = np.concatenate([np.broadcast_to(np.eye(6), of_tracker.shape), -of_tracker], axis=2)
-        parts = [
-            (rows / sd, left / sd) for rows, left, sd in zip(np.split(design, 2, axis=1), residuals, sds, strict=True)
-        ]
+        halves = np.split(design, 2, axis=1)
+        parts = [(rows / sd, left / sd) for rows, left, sd in zip(halves, residuals, sds, strict=True)]
         information = [np.einsum("nij,nik->jk", rows, rows) for rows, _ in parts]
         inverse = np.linalg.inv(sum(information))
         step = inverse @ sum(np.einsum("nij,ni->j", *part) for part in parts)
-        x, z = (
-            each @ rigid_transform(Rotation.from_rotvec(by[:3]).as_matrix(), by[3:])
-            for each, by in ((x, step[:6]), (z, step[6:]))
-        )
+        x = x @ rigid_transform(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:6])
+        z = z @ rigid_transform(Rotation.from_rotvec(step[6:9]).as_matrix(), step[9:])
         free = [3 * count - np.trace(inverse @ each) for each in information]
         sds = np.maximum([np.sqrt((left**2).sum() / of) for left, of in zip(residuals, free, strict=True)], SMALLEST)
     if sds[0] > MOST_OFF[0] or sds[1] > MOST_OFF[1]:

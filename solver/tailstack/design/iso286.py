@@ -62,9 +62,8 @@ def find_deviations(tolerance_class: str, diameter_mm: float) -> Deviations:
         raise ValueError(f"{tolerance_class!r} is no tolerance class: a letter and a grade, as H7 or g6")
     letter, grade = match[1], int(match[2])
     if letter not in (*SHAFTS, *HOLES):
-        raise ValueError(
-            f"the letter {letter} is not known here: of shafts {', '.join(SHAFTS)}, of holes {', '.join(HOLES)}"
-        )
+        known = f"of shafts {', '.join(SHAFTS)}, of holes {', '.join(HOLES)}"
+        raise ValueError(f"the letter {letter} is not known here: {known}")
     if grade not in WIDTHS_UM:
         raise ValueError(f"grade {grade} is not known here: {min(WIDTHS_UM)} to {max(WIDTHS_UM)} are")
     if not 0 < diameter_mm <= STEPS_MM[-1]:

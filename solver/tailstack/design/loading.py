@@ -21,15 +21,7 @@ from ..field_names import is_numeric
 from ..fields import Record
 from ..results.json_text import write_json
 from .consistency import check_document, check_fiducials
-from .document import (
-    SCHEMA_NAME,
-    DesignDocument,
-    FiducialOrigin,
-    Interface,
-    Interfaces,
-    LocatorFile,
-    TargetFile,
-)
+from .document import SCHEMA_NAME, DesignDocument, FiducialOrigin, Interface, Interfaces, LocatorFile, TargetFile
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
 from .frames import (
     FRAME_FIELDS,
@@ -42,7 +34,7 @@ from .frames import (
     targets_of,
 )
 from .optimise_document import SearchSurface, put_surface, surfaces_in
-from .pointers import EVERY, find_places, pointer_of, replace_value, suggest, value_at
+from .pointers import EVERY, children_at, find_places, pointer_of, replace_value, suggest, value_at
 from .reading import (
     DEFAULT_LIMITS,
     MOST_STEP_BYTES,
@@ -356,16 +348,14 @@ class _FileReader:
 
     def with_drawn_seats(self, document: DesignDocument) -> DesignDocument:
         """The document with the features that files of drawings state."""
-        for name in Interfaces.model_fields:
-            drawing = getattr(getattr(document.interfaces, name), "drawing", None)
-            if drawing is None:
+        for name, interface in document.interfaces.by_name.items():
+            if (drawing := interface.drawing) is None:
                 continue
             with self._placing(f"/interfaces/{name}/drawing"):
                 inline = "state its features inline (tailstack convert does)"
                 content = self.read_content(drawing.file, STEP_FILES, MOST_STEP_BYTES, inline)
-                read = import_module(SEAT_READER).read_drawn_seat(
-                    content, drawing.file, drawing.pin_class, drawing.frame
-                )
+                reader = import_module(SEAT_READER)
+                read = reader.read_drawn_seat(content, drawing.file, drawing.pin_class, drawing.frame)
                 origin = _origin_of(drawing.file, content, read.remarks)
                 stated = {key: value for key, value in self.source.data["interfaces"][name].items() if key != "drawing"}
                 try:
@@ -383,9 +373,8 @@ class _FileReader:
         from . import urdf_files  # late: of few designs
 
         with self._placing("/execution/robot/urdf"):
-            content = self.read_content(
-                robot.urdf.file, (urdf_files.ENDING,), urdf_files.MOST_BYTES, "put its joints into joints"
-            )
+            inline, endings = "put its joints into joints", (urdf_files.ENDING,)
+            content = self.read_content(robot.urdf.file, endings, urdf_files.MOST_BYTES, inline)
             read = _fill_in(robot, "urdf", joints=urdf_files.read_urdf(content, robot.urdf))
         return _put(document, "execution", "robot", read, ("urdf", "joints"))
 
@@ -416,11 +405,9 @@ class _FileReader:
             read = read_surface_of(surface)
         with self._placing():
             compile_transform(surface.T_con_file, f"{pointer}/T_con_file", [])
-        if surface.side != "both" and read.not_closed:
-            detail = f"{name} is not closed, and has no {surface.side}: {read.not_closed}"
-            raise DesignError(
-                place(Problem(f"{pointer}/side", "not-closed", detail, REPAIR), self.source.with_places())
-            )
+            if surface.side != "both" and read.not_closed:
+                detail = f"{name} is not closed, and has no {surface.side}: {read.not_closed}"
+                raise DesignError(Problem(f"{pointer}/side", "not-closed", detail, REPAIR))
         return surface
 
     @contextmanager
@@ -524,9 +511,8 @@ def check_assumed(data: dict[str, Any]) -> Iterator[Problem]:
 
 
 def _suggest(data: dict[str, Any], pointer: str) -> str:
-    written = pointer_of(data, pointer)
-    places = [write_pointer(place) for place in find_places(data, written)] if written != "" else []
-    places = [place for place in places if place.split("/")[1] not in _NO_VALUES]
+    found = find_places(data, pointer_of(data, pointer))
+    places = [write_pointer(place) for place in found if place[0] not in _NO_VALUES]
     if not places and pointer.split("/")[1:2] and pointer.split("/")[1] not in _NO_VALUES:
         places = find_nearest(pointer, _all_pointers(data, ""))
     cure = "take it off the list: what the design leaves to its default is not listed"
@@ -584,9 +570,7 @@ def _numbers_below(node: Any, pointer: str) -> Iterator[str]:
 
 
 def _children(node: Any, pointer: str) -> list[tuple[Any, str]]:
-    if isinstance(node, dict):
-        return [(child, pointer + write_pointer([key])) for key, child in node.items()]
-    return [(child, f"{pointer}/{k}") for k, child in enumerate(node)] if isinstance(node, list) else []
+    return [(child, pointer + write_pointer([key])) for key, child in children_at(node, EVERY)]
 
 
 def _is_value(node: Any) -> bool:

@@ -26,13 +26,7 @@ from ..ranges import DETECTOR_MM, ISOCENTRE_MM
 from ..system import View
 from ..units import OTHER_LENGTHS as UNITS
 from .consistency import expand_target
-from .document import (
-    DesignDocument,
-    DistanceView,
-    MatrixView,
-    PinholeView,
-    PresetView,
-)
+from .document import DesignDocument, DistanceView, MatrixView, PinholeView, PresetView
 from .frames import compile_transform, compile_view, find_detector
 from .presets import PRESETS
 
@@ -235,9 +229,8 @@ def _read_matrix(view: MatrixView, scene: WrittenPoints) -> Iterator[Meaning]:
         return  # its unit is right
     for unit, factor in UNITS.items():
         words = f"the fourth column of its projection for lengths in {unit}"
-        yield _read_otherwise(
-            view, words, rescaled=True, projection=np.array(view.projection) * [1.0, 1.0, 1.0, factor]
-        )
+        scaled = np.array(view.projection) * [1.0, 1.0, 1.0, factor]
+        yield _read_otherwise(view, words, rescaled=True, projection=scaled)
 
 
 def _read_distances(view: PresetView | DistanceView, already: int) -> Iterator[Meaning]:
@@ -270,9 +263,8 @@ def say_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) ->
     if len(meanings) == 1:
         return f"with {meanings[0].words}, all fiducials and targets lie {where}: write {meanings[0].cure}"
     if meanings:
-        every = "; with ".join(
-            each.words + (f" ({each.cure})" if len(each.cure) <= LONGEST_CURE else "") for each in meanings
-        )
+        ways = [each.words + (f" ({each.cure})" if len(each.cure) <= LONGEST_CURE else "") for each in meanings]
+        every = "; with ".join(ways)
         return f"all fiducials and targets lie {where} in {len(meanings)} ways: with {every}. Look up which is meant"
     return ""
 
@@ -283,14 +275,9 @@ def _say_targets(document: DesignDocument, scene: WrittenPoints) -> str:
     Any point is shown where it is moved to the origin: a unit is made smaller only of what lies beyond all sources.
     """
     beyond = bool(np.any(np.abs(scene.targets_mm) > USUAL_SOURCE_MM[1]))
-    fitting = [
-        unit
-        for unit, factor in UNITS.items()
-        if (factor > 1 or beyond)
-        and all(
-            _shows(view, replace(scene, targets_mm=factor * scene.targets_mm), SOURCE_MM) for view in document.views
-        )
-    ]
+    read = {unit: replace(scene, targets_mm=factor * scene.targets_mm) for unit, factor in UNITS.items()}
+    tried = [unit for unit, factor in UNITS.items() if factor > 1 or beyond]
+    fitting = [unit for unit in tried if all(_shows(view, read[unit], SOURCE_MM) for view in document.views)]
     if len(fitting) != 1 or not len(scene.targets_mm):
         return ""
     return f"with the targets in {fitting[0]}, every view shows everything: multiply by {UNITS[fitting[0]]:g}"
@@ -305,13 +292,10 @@ def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Seq
             index = int(problem.pointer.split("/")[2])
             view = document.views[index]
             beside = [document.views[k] for k in sorted(refused - {index}) if type(document.views[k]) is type(view)]
-            first = problem.pointer not in hints
-            meant = hints.setdefault(
-                problem.pointer, (say_meanings(view, scene, beside) or _say_targets(document, scene)) if first else ""
-            )
-            problem = replace(
-                problem, hint=(meant if first else "") if meant else _say_nothing_fits(view, problem.code)
-            )
+            if first := problem.pointer not in hints:
+                hints[problem.pointer] = say_meanings(view, scene, beside) or _say_targets(document, scene)
+            meant = hints[problem.pointer]
+            problem = replace(problem, hint=meant * first if meant else _say_nothing_fits(view, problem.code))
         yield problem
 
 
@@ -423,11 +407,9 @@ def doubt_tool(document: DesignDocument) -> Iterator[ToolDoubt]:
     if stated["T_flange_con"] is not None and pivot.any() and apart > STANDOFF_MM:
         # where the target is at the tool, the transforms are right: then it is the pivot
         readings = [each for each in readings if away > STANDOFF_MM or each[0].startswith("/interfaces")]
-        found = _find(readings, _miss_seat, apart, stated, written, targets, pivot)
-        if found:
-            yield ToolDoubt(
-                PIVOT_OFF_FLANGE, "the pivot of connector_flange lies {} mm from the flange's origin", apart, found
-            )
+        if found := _find(readings, _miss_seat, apart, stated, written, targets, pivot):
+            what = "the pivot of connector_flange lies {} mm from the flange's origin"
+            yield ToolDoubt(PIVOT_OFF_FLANGE, what, apart, found)
 
 
 def _middle(target: Any) -> Any:
@@ -462,9 +444,8 @@ def _find(
     for pointer, words, cure, read, targets_by, pivot_by in readings:
         left = gap(written | read, targets_by * targets, pivot_by * pivot)
         if left <= max(NEARER * away, STANDOFF_MM / 2):
-            cure = cure or " and ".join(
-                _write_transform(name, stated[name], written[name], read[name]) for name in read
-            )
+            anew = (_write_transform(name, stated[name], written[name], matrix) for name, matrix in read.items())
+            cure = cure or " and ".join(anew)
             found.setdefault(cure, ToolReading(pointer, words, cure, left))  # an inverse may be a sign: once
     return sorted(found.values(), key=lambda reading: reading.away_mm)
 

@@ -73,7 +73,7 @@ class Count(Record):
     """Fewest fiducials, fixed ones included; at least 6."""
     max: _Count = Field(examples=[16])
     """Most fiducials, fixed ones included."""
-    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(default=0.0, examples=[20.0])
+    cost_per_fiducial: Price = Field(default=0.0, examples=[20.0])
     """Added to the cost for each fiducial. Default 0."""
 
     @model_validator(mode="after")
@@ -107,10 +107,12 @@ class Stay(Record):
 _Reach = Annotated[tuple[Distance, Distance], Field(strict=False), REACH_MM]
 
 
-def _check_reach(reach_mm: tuple[float, float] | None) -> None:
-    if reach_mm is not None and reach_mm[0] > reach_mm[1]:
-        low, high = reach_mm
+def _check_reach(record: Any) -> Any:
+    """Raises a refusal of two distances that are not in order."""
+    low, high = record.source_isocentre_mm or (0.0, 0.0)
+    if low > high:
         raise refusal("out-of-range", f"the smallest, {low:g}, is above {high:g}", at="source_isocentre_mm")
+    return record
 
 
 class FreeView(Record):
@@ -128,8 +130,9 @@ class FreeView(Record):
     def _check_freedom(self) -> FreeView:
         if self.cone_deg == 0 and self.source_isocentre_mm is None:
             raise refusal("nothing-free", "give cone_deg above zero, source_isocentre_mm or both", "cone_deg: 30")
-        _check_reach(self.source_isocentre_mm)
         return self
+
+    _in_order = model_validator(mode="after")(_check_reach)
 
 
 class AddedView(Record):
@@ -139,7 +142,7 @@ class AddedView(Record):
     """Name of the new view; no view of the design has it."""
     like: Name = Field(examples=["AP"])
     """The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction."""
-    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(examples=[300.0])
+    price: Price = Field(examples=[300.0])
     """What it costs, in the unit of what is minimised. It is added where it saves more than that, or where no design
     keeps the limits without it."""
     cone_deg: Annotated[float, Field(gt=0, le=90), CONE_DEG] = Field(default=90.0, examples=[60.0])
@@ -148,10 +151,7 @@ class AddedView(Record):
     source_isocentre_mm: _Reach | None = Field(default=None, examples=[[600.0, 800.0]])
     """Smallest and largest distance from its source to isocentre_mm, mm. Default: that of `like`."""
 
-    @model_validator(mode="after")
-    def _check_distances(self) -> AddedView:
-        _check_reach(self.source_isocentre_mm)
-        return self
+    _in_order = model_validator(mode="after")(_check_reach)
 
 
 FREE_VIEW_KINDS: dict[str, type[Record]] = {"<view>": FreeView, "<add>": AddedView}
@@ -242,10 +242,8 @@ class RotationBounds(Record):
     """Another cost curve, instead of cost_weight."""
 
     @model_validator(mode="after")
-    def _check_order(self) -> RotationBounds:
-        if self.min_deg > self.max_deg:
-            raise refusal("out-of-range", f"min_deg {self.min_deg} is above max_deg {self.max_deg}", at="min_deg")
-        _one_cost(self, self.cost, "deg")
+    def _check(self) -> RotationBounds:
+        _check_bounds(self, "deg")
         return self
 
 
@@ -262,10 +260,8 @@ class TranslationBounds(Record):
     """Another cost curve, instead of cost_weight."""
 
     @model_validator(mode="after")
-    def _check_order(self) -> TranslationBounds:
-        if self.min_mm > self.max_mm:
-            raise refusal("out-of-range", f"min_mm {self.min_mm} is above max_mm {self.max_mm}", at="min_mm")
-        _one_cost(self, self.cost, "mm")
+    def _check(self) -> TranslationBounds:
+        _check_bounds(self, "mm")
         return self
 
 
@@ -313,9 +309,7 @@ class FreeTolerance(Record):
             self._check_grades(bounds, unit)
         elif None in bounds:
             raise refusal("missing-field", f"give min_{unit} and max_{unit}, or grades")
-        elif bounds[0] > bounds[1]:
-            raise refusal("out-of-range", f"min_{unit} {bounds[0]} is above max_{unit} {bounds[1]}", at=f"min_{unit}")
-        _one_cost(self, self.cost, unit)
+        _check_bounds(self, unit)
         return self
 
     def _check_grades(self, bounds: list[float | None], unit: str) -> None:
@@ -332,13 +326,17 @@ class FreeTolerance(Record):
                 raise refusal("duplicate-name", f"two grades are called {grade.label!r}", at=at)
 
 
-def _one_cost(record: Record, cost: CostCurve | None, unit: str) -> None:
-    if cost is None:
+def _check_bounds(record: RotationBounds | TranslationBounds | FreeTolerance, unit: str) -> None:
+    """Raises a refusal of bounds that are not in order, of two costs, and of a cost curve in the other unit."""
+    low, high = (getattr(record, f"{end}_{unit}") for end in ("min", "max"))
+    if low is not None and low > high:
+        raise refusal("out-of-range", f"min_{unit} {low} is above max_{unit} {high}", at=f"min_{unit}")
+    if record.cost is None:
         return
     if "cost_weight" in record.model_fields_set:
         raise refusal("one-of", "give cost_weight or cost; both arrived", at="cost_weight")
     wrong = {"deg": "scale_mm", "mm": "scale_deg"}[unit]
-    if getattr(cost, wrong) is not None:
+    if getattr(record.cost, wrong) is not None:
         raise refusal("unused-field", f"this half-width is in {unit}: give scale_{unit}", at=f"cost/{wrong}")
 
 
@@ -497,28 +495,26 @@ class Optimise(Record):
         if self.cost_limit is not None and not (self.goal == "quantile" and free):
             message = "cost_limit is read only with objective: quantile and free tolerances"
             raise refusal("unused-field", message, at="cost_limit")
-        if self.survive is not None and self.goal == "pareto":
-            raise refusal("unsupported", "a front is not traced with survive", "objective: cost, or leave out survive")
-        if self.views is not None and self.goal == "pareto":
-            raise refusal("unsupported", "a front is not traced with views", "objective: cost, or leave out views")
+        for field in ("survive", "views") if self.goal == "pareto" else ():
+            if getattr(self, field) is not None:
+                cure = f"objective: cost, or leave out {field}"
+                raise refusal("unsupported", f"a front is not traced with {field}", cure)
         added = [index for index, each in enumerate(self.views or ()) if isinstance(each, AddedView)]
         if added and self.goal != "cost":
             detail = f"a view is added where it saves more than its price, and objective: {self.goal} saves no cost"
             cure = "objective: cost with free tolerances; what one more view does to P95 says tailstack study views"
             raise refusal("unsupported", detail, cure, at=f"views/{added[0]}/price")
         if len(added) > 1:
-            raise refusal(
-                "too-many", "one view is added at a time", "optimise the new design again", at=f"views/{added[1]}"
-            )
+            at = f"views/{added[1]}"
+            raise refusal("too-many", "one view is added at a time", "optimise the new design again", at)
         if self.stay is not None and self.stay.cost_per_mm is not None:
             self._check_price(self.stay.cost_per_mm)
         if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]
         if graded and self.goal != "cost":
-            raise refusal(
-                "unsupported", f"grades go with objective: cost; it is {self.goal}", at=f"tolerances/{graded[0]}"
-            )
+            detail = f"grades go with objective: cost; it is {self.goal}"
+            raise refusal("unsupported", detail, at=f"tolerances/{graded[0]}")
         between = [name for name in ("rotation_bounds", "translation_bounds") if getattr(self, name)]
         between += [f"tolerances/{index}" for index in range(len(self.tolerances)) if index not in graded]
         if graded and between:
@@ -563,6 +559,14 @@ class Sector(Record):
     """Its whole angle about the axis, deg; above 180 for a tube alone."""
 
 
+def _check_radii(record: Any) -> Any:
+    inner, outer = record.inner_radius_mm, record.radius_mm
+    if inner > outer:
+        message = f"the region is empty: inner_radius_mm {inner:g} is above radius_mm {outer:g}"
+        raise refusal("empty-region", message, "make inner_radius_mm the smaller one", at="inner_radius_mm")
+    return record
+
+
 class SearchCylinder(Record):
     """Cylinder in con, or the tube between two radii, or a sector of either."""
 
@@ -581,7 +585,7 @@ class SearchCylinder(Record):
 
     @model_validator(mode="after")
     def _shape(self) -> SearchCylinder:
-        _check_radii(self.inner_radius_mm, self.radius_mm)
+        _check_radii(self)
         if self.sector is not None:
             self._check_sector(self.sector)
         return self
@@ -606,16 +610,7 @@ class SearchBall(Record):
     inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(default=0.0, examples=[50.0])
     """Inner radius of a shell, mm; equal to radius_mm: on the surface. Default 0."""
 
-    @model_validator(mode="after")
-    def _shape(self) -> SearchBall:
-        _check_radii(self.inner_radius_mm, self.radius_mm)
-        return self
-
-
-def _check_radii(inner: float, outer: float) -> None:
-    if inner > outer:
-        message = f"the region is empty: inner_radius_mm {inner:g} is above radius_mm {outer:g}"
-        raise refusal("empty-region", message, "make inner_radius_mm the smaller one", at="inner_radius_mm")
+    _in_order = model_validator(mode="after")(_check_radii)
 
 
 class SearchSurface(Record):

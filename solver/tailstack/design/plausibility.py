@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from ..effects import EFFECTS
 from ..effects.kind import Doubt, PlausibilityTest
 from ..errors import Problem
-from ..fields import INTERFACES, Pose
+from ..fields import Pose
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
 from ..ranges import DETECTOR_MM, ISOCENTRE_MM, NOISE_PX, SLIPS, AnySize, Meant, Range
@@ -29,15 +29,7 @@ from ..tables import read_table
 from ..tolerances import Bias
 from ..units import OTHER_LENGTHS
 from .bead_noise import BeadNoise
-from .document import (
-    DesignDocument,
-    DistanceView,
-    Interface,
-    PinholeView,
-    PresetView,
-    Region,
-    TargetDocument,
-)
+from .document import DesignDocument, DistanceView, PinholeView, PresetView, Region, TargetDocument
 from .frames import find_detector
 from .loading import Design
 from .meanings import (
@@ -82,10 +74,8 @@ class Subject:
 
 def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
     """A warning for each value that is doubted, in the order of :data:`PLAUSIBILITY`."""
-    subject = Subject(design.document, system.fiducials_mm, system, system.fiducial_labels)
-    return tuple(
-        Finding(rule, "warning", met.message, met.pointer, met.value, met.limit) for rule, met in _doubt(subject)
-    )
+    doubts = _doubt(Subject(design.document, system.fiducials_mm, system, system.fiducial_labels))
+    return tuple(Finding(rule, "warning", met.message, met.pointer, met.value, met.limit) for rule, met in doubts)
 
 
 def explain_refusal(design: Design, system: System | None = None) -> list[Problem]:
@@ -241,14 +231,11 @@ def _doubt_structure_size(subject: Subject) -> Iterator[Doubt]:
     points = subject.fiducials_mm - subject.fiducials_mm.mean(axis=0)
     square = (points**2).sum(axis=1)
     width = float(np.sqrt(max(0.0, (square[:, None] + square - 2 * points @ points.T).max())))
-    limit = SMALLEST_STRUCTURE_MM if width < SMALLEST_STRUCTURE_MM else LARGEST_STRUCTURE_MM
     if SMALLEST_STRUCTURE_MM <= width <= LARGEST_STRUCTURE_MM:
         return
-    why = (
-        f"six beads of {BEAD_MM:g} mm need {limit:g} mm"
-        if width < limit
-        else f"no detector of a C-arm images more than {limit:g} mm at once"
-    )
+    limit, why = LARGEST_STRUCTURE_MM, f"no detector of a C-arm images more than {LARGEST_STRUCTURE_MM:g} mm at once"
+    if width < SMALLEST_STRUCTURE_MM:
+        limit, why = SMALLEST_STRUCTURE_MM, f"six beads of {BEAD_MM:g} mm need {SMALLEST_STRUCTURE_MM:g} mm"
     message = f"the two fiducials farthest apart are {width:.4g} mm apart; {why}. {_say_units(subject, width)}"
     if subject.document.fiducials.points is None:
         yield Doubt("/fiducials/file", f"{message}, which the file states (x_mm, coordinateUnits)", width, limit)
@@ -305,10 +292,8 @@ def _doubt_distance(
     if meant.least <= length <= meant.most:
         return
     limit, sort, why = (meant.least, "less", meant.low) if length < meant.least else (meant.most, "more", meant.high)
-    cure = (
-        say_meanings(view, _scene_of(subject))
-        or f"check its unit, which is mm: none of {', '.join(OTHER_LENGTHS)} fits"
-    )
+    cure = say_meanings(view, _scene_of(subject))
+    cure = cure or f"check its unit, which is mm: none of {', '.join(OTHER_LENGTHS)} fits"
     short = f"view {view.name}: {what} is {length:.4g} mm, {sort} than {limit:g} mm: {why}"
     yield Doubt(pointer, f"{short}. {cure[0].upper()}{cure[1:]}.", length, limit)
 
@@ -350,24 +335,19 @@ def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
         if preset.pixel_mm is None or preset.image_size_px is None:
             continue
         pixel, size = view.pixel_mm or preset.pixel_mm, view.image_size_px or preset.image_size_px
-        ratios = [
-            pixel * own / (preset.pixel_mm * known) for own, known in zip(size, preset.image_size_px, strict=True)
-        ]
+        sides = zip(size, preset.image_size_px, strict=True)
+        ratios = [pixel * own / (preset.pixel_mm * known) for own, known in sides]
         side = max((0, 1), key=lambda each: abs(ratios[each] - 1))
         if abs(ratios[side] - 1) <= SAME_WIDTH:
             continue
         own, known, way = size[side], preset.image_size_px[side], ("wide", "high")[side]
         width, published = pixel * own, preset.pixel_mm * known
+        field, whole = "image_size_px", f"pixel_mm: {published / own:.6g}"
         if view.image_size_px is None:
-            field, whole = (
-                "pixel_mm",
-                f"image_size_px: [{', '.join(f'{s * preset.pixel_mm / pixel:.0f}' for s in size)}]",
-            )
-        else:
-            field, whole = "image_size_px", f"pixel_mm: {published / own:.6g}"
-        binned = (
-            f"binned {known // own} x {known // own}" if own < known and known % own == 0 else "binned or resampled"
-        )
+            pixels = ", ".join(f"{each * preset.pixel_mm / pixel:.0f}" for each in size)
+            field, whole = "pixel_mm", f"image_size_px: [{pixels}]"
+        times = known // own
+        binned = f"binned {times} x {times}" if own < known and known % own == 0 else "binned or resampled"
         sentences = []
         if abs(ratios[0] / ratios[1] - 1) <= SAME_WIDTH:  # else no pixel makes both sides those of the preset
             sentences.append(f"An image of the whole detector, {binned}, has {whole}.")
@@ -398,8 +378,7 @@ def _doubt_angles(subject: Subject) -> Iterator[Doubt]:
         if turn:
             degrees = round(turn * 180 / pi) * (1 if angle > 0 else -1)
             meant = f"{degrees} degrees in radians. Write {degrees} if that is meant."
-            message = f"{_name(pointer)}: {angle:g} in a field of degrees is {meant}"
-            yield Doubt(pointer, message, angle, degrees)
+            yield Doubt(pointer, f"{_name(pointer)}: {angle:g} in a field of degrees is {meant}", angle, degrees)
 
 
 def _list_poses(document: DesignDocument) -> Iterator[tuple[str, Pose]]:
@@ -435,17 +414,10 @@ def _doubt_quaternions(subject: Subject) -> Iterator[Doubt]:
 
 
 def _list_biases(document: DesignDocument) -> Iterator[tuple[str, Bias]]:
-    for name, interface in _list_interfaces(document):
+    for name, interface in document.interfaces.by_name.items():
         yield f"/interfaces/{name}/bias", interface.bias
     if document.execution.hand_eye is not None:
         yield "/execution/hand_eye/bias", document.execution.hand_eye.bias
-
-
-def _list_interfaces(document: DesignDocument) -> Iterator[tuple[str, Interface]]:
-    for name in INTERFACES:
-        interface: Interface | None = getattr(document.interfaces, name)
-        if interface is not None:
-            yield name, interface
 
 
 # --- places and lever arms --------------------------------------------------------------------------------
@@ -457,10 +429,8 @@ def _doubt_tool(rule: str, subject: Subject) -> Iterator[Doubt]:
             continue
         told = f"at the executed pose {what.format(f'{away:.4g}')}"
         if readings:
-            ways = "; ".join(
-                f"with {each.words}, it lies {each.away_mm:.3g} mm from it: {each.cure}" for each in readings[:2]
-            )
-            yield Doubt(readings[0].pointer, f"{told}; {ways}.", away, readings[0].away_mm)
+            ways = [f"with {each.words}, it lies {each.away_mm:.3g} mm from it: {each.cure}" for each in readings[:2]]
+            yield Doubt(readings[0].pointer, f"{told}; {'; '.join(ways)}.", away, readings[0].away_mm)
         else:
             cure = "check T_flange_con, T_tcp_flange and the frame of the targets: score says where each lies in tcp"
             yield Doubt("/transforms", f"{told}, further than a tool is from its work: {cure}.", away, FARTHEST_MM)
@@ -469,7 +439,7 @@ def _doubt_tool(rule: str, subject: Subject) -> Iterator[Doubt]:
 def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
     turning = [
         (name, interface)
-        for name, interface in _list_interfaces(subject.document)
+        for name, interface in subject.document.interfaces.by_name.items()
         if interface.tolerances is not None
         and any((entry := interface.tolerances.components[axis]) and entry.width > 0 for axis in ROTATIONS)
     ]
@@ -512,7 +482,7 @@ def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
         return bool((place - middle) @ away > 0)
 
     placed = subject.document.transforms.T_flange_con is not None  # then the flange's own is compared with that
-    for name, interface in _list_interfaces(subject.document):
+    for name, interface in subject.document.interfaces.by_name.items():
         pivot = np.array(interface.pivot_mm)
         if (placed and name == "connector_flange") or not pivot.any() or not among(pivot):
             continue

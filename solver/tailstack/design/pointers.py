@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..cures import find_nearest
-from ..errors import Problem, TailstackError, escape, read_pointer
+from ..errors import Problem, TailstackError, escape, read_pointer, write_pointer
 from ..field_names import Renaming, find_renamings, is_numeric, say_renaming
 from .refusals import records_on
 
@@ -32,7 +32,7 @@ def pointer_of(data: Any, path: str) -> str:
             step = called[0] if len(called) == 1 else word
         steps.append(step)
         node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
-    return "".join(f"/{escape(step)}" for step in steps)
+    return write_pointer(steps)
 
 
 def find_places(data: Any, pointer: str, *, make: bool = False) -> list[Place]:
@@ -43,7 +43,7 @@ def find_places(data: Any, pointer: str, *, make: bool = False) -> list[Place]:
     steps = read_pointer(pointer)
     for step, following in zip(steps, [*steps[1:], ""], strict=True):
         makes = make and not following.isdecimal()  # a list that is not there has no first element
-        ways = [((*place, key), child) for place, node in ways for key, child in _children(node, step, makes)]
+        ways = [((*place, key), child) for place, node in ways for key, child in children_at(node, step, makes)]
     return [place for place, _ in ways]
 
 
@@ -102,11 +102,8 @@ def name_of(data: Any, pointer: str) -> str:
             step = int(step)
             item = node[step]
             called = next((word for word in _names(item) if word), None) if isinstance(item, dict) else None
-            unique = (
-                called is not None
-                and sum(isinstance(element, dict) and called in _names(element) for element in node) == 1
-            )
-            words.append(str(called) if unique and "." not in str(called) else str(step))
+            alike = sum(isinstance(element, dict) and called in _names(element) for element in node)
+            words.append(str(called) if called is not None and alike == 1 and "." not in str(called) else str(step))
         else:
             words.append(str(step))
         node = _child(node, step)
@@ -118,13 +115,12 @@ def suggest(data: Any, pointer: str) -> str:
     steps = read_pointer(pointer)
     node, way = data, ""
     for place, step in enumerate(steps):
-        children = _children(node, step, make=False)
+        children = children_at(node, step)
         if not children:
             return _suggest_step(data, node, way, steps[place:])
         node, way = children[0][1], f"{way}/{escape(step)}"
     inside = sorted(find_numbers(node, ()), key=lambda place: not any("half_width" in str(step) for step in place))
-    below = ["".join(f"/{escape(step)}" for step in place) for place in inside[:3]]
-    listed = " or ".join(name_of(data, way + end) for end in below if end)
+    listed = " or ".join(name_of(data, way + write_pointer(place)) for place in inside[:3] if place)
     return f"did you mean {listed}?" if listed else ""
 
 
@@ -141,9 +137,7 @@ def _suggest_step(data: Any, node: Any, way: str, steps: Sequence[str]) -> str:
             known[name_of(data, f"{way}/{k}").rpartition(".")[2]] = str(k)
         found = [Renaming(nearest, "") for nearest in find_nearest(steps[0], known)]
     for each in found[:1]:
-        meant = "".join(
-            f"{way}/{escape(known[each.field])}" if k == 0 else f"/{escape(step)}" for k, step in enumerate(steps)
-        )
+        meant = way + write_pointer([known[each.field], *steps[1:]])
         if find_places(data, meant):
             return say_renaming(each, name_of(data, meant))
         return suggest(data, meant)
@@ -155,8 +149,8 @@ def _suggest_step(data: Any, node: Any, way: str, steps: Sequence[str]) -> str:
 MOST_LISTED = 10
 
 
-def _children(node: Any, step: str, make: bool) -> list[tuple[str | int, Any]]:
-    """What one step leads to."""
+def children_at(node: Any, step: str, make: bool = False) -> list[tuple[str | int, Any]]:
+    """What one step leads to, each with its key."""
     if isinstance(node, list):
         if step == EVERY:
             return list(enumerate(node))
@@ -170,13 +164,9 @@ def _children(node: Any, step: str, make: bool) -> list[tuple[str | int, Any]]:
 
 def find_numbers(node: Any, place: Place) -> Iterator[Place]:
     """Where the document has numbers, in its order; ``place``: the way to ``node``, ``()`` for the whole."""
-    if isinstance(node, dict):
-        for key, child in node.items():
-            yield from find_numbers(child, (*place, key))
-    elif isinstance(node, list):
-        for k, child in enumerate(node):
-            yield from find_numbers(child, (*place, k))
-    elif is_numeric(node):
+    for key, child in children_at(node, EVERY):
+        yield from find_numbers(child, (*place, key))
+    if not isinstance(node, list) and is_numeric(node):
         yield place
 
 

@@ -179,25 +179,22 @@ def decode(content: bytes, name: str | None) -> str:
 def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | None, form: Format) -> DocumentSource:
     """Parse a document.  Raises DesignError (syntax, tags, duplicate keys) or LimitError (size, long keys)."""
     if len(text) > limits.document_bytes:
-        raise LimitError(
-            problem("too-large", f"the document is longer than {limits.document_bytes} characters", file=file)
-        )
+        detail = f"the document is longer than {limits.document_bytes} characters"
+        raise LimitError(problem("too-large", detail, file=file))
     _refuse_surrogates(text, (), file)
     text = text.removeprefix("\ufeff")
     if (file or form != "json") and (found := _REORDERS.search(text)):  # JSON without a file is between programs
         raise DesignError(_unseen_problem(text, found.start(), file, IN_QUOTES))
     if not text.strip():
-        raise DesignError(
-            problem("empty-document", "the document is empty", "start from examples/demo.yaml", file=file)
-        )
+        detail = "the document is empty"
+        raise DesignError(problem("empty-document", detail, "start from examples/demo.yaml", file=file))
     if form == "json" or (form == "auto" and text.lstrip()[:1] == "{"):
         try:
             return DocumentSource(_from_json(text, limits, file), file, directory, json_text=text)
         except json.JSONDecodeError as error:
             if form == "json":
                 hint, detail = LOOKS_LIKE_YAML if _YAML.match(text) else "", f"this is not JSON: {error.msg}"
-                where = Problem("", "json-syntax", detail, hint, file, error.lineno, error.colno)
-                raise DesignError(where) from None
+                raise DesignError(Problem("", "json-syntax", detail, hint, file, error.lineno, error.colno)) from None
     try:
         data, place = read_yaml(text, file, limits)
     except DesignError:
@@ -349,8 +346,7 @@ class TextPosition(NamedTuple):
 
     def find(self, path: Iterable[str | int], *, key: bool = False) -> TextPosition:
         """The place of a path of keys and indices, or of its nearest ancestor; ``key``: of the key itself."""
-        here = self
-        at_key = self
+        here = at_key = self
         for step in path:
             if isinstance(here.children, dict) and str(step) in here.children:
                 at_key, here = here.children[str(step)]

@@ -26,21 +26,13 @@ _TAGS: dict[str, type[BaseModel] | None] = {
     "<number>": None,
 }  # fmt: skip
 _WANTED = {
-    "float_type": "a number",
-    "float_parsing": "a number",
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
-    "int_from_float": "a whole number",
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
     "bool_type": "true or false",
     "string_type": "a text",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "model_type": "a mapping of fields",
-    "model_attributes_type": "a mapping of fields",
-    "dict_type": "a mapping of fields",
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a mapping of fields"),
 }
-
-
 PATTERNS = {  # what a text that does not match does wrong
     r"^[^\x00-\x1f\x7f]*$": "holds a line break or a control character",
     r"^([^*\x00-\x1f\x7f]*\*){0,10}[^*\x00-\x1f\x7f]*$": "holds more than ten *, or a control character",
@@ -152,12 +144,10 @@ def _translate(entry: Any, root: type[BaseModel], data: Any) -> Problem:
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if kind == "missing" and isinstance(path[-1], int):
         count = len(get_args(_kind_at(raw[:-1], root)))
-        detail = f"needs {count} entries" if count else "the list has too few entries"
-        detail = f"{detail}; got {show(value)}"
-        return Problem(write_pointer(path[:-1]), "too-short", detail, _cure_matrix(field, value))
+        rule = f"needs {count} entries" if count else "the list has too few entries"
+        return Problem(write_pointer(path[:-1]), "too-short", f"{rule}; got {show(value)}", _cure_matrix(field, value))
     if kind == "missing":
-        example = _example(raw, root)
-        return Problem(write_pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
+        return Problem(write_pointer(path), "missing-field", f"the field {path[-1]!r} is required", _example(raw, root))
     problem, hint = describe_value(entry, path), ""
     if problem.code == "wrong-type" and kind in _WANTED:
         if value in (float("inf"), float("-inf")):
@@ -223,9 +213,8 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
         return Problem(at, kind.replace("_", "-"), f"needs {many}; got {show(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         most, pattern = context.get("max_length"), str(context.get("pattern"))
-        detail = {"string_too_short": "must not be empty", "string_too_long": f"has at most {most} characters"}.get(
-            kind, PATTERNS.get(pattern, "is not of the form that is asked for")
-        )
+        sizes = {"string_too_short": "must not be empty", "string_too_long": f"has at most {most} characters"}
+        detail = sizes.get(kind) or PATTERNS.get(pattern, "is not of the form that is asked for")
         return Problem(at, "bad-text", f"the text {detail}; got {show(value)}")
     inside = [step for step in str(context.get("at", "")).split("/") if step]
     return Problem(write_pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))

@@ -6,12 +6,10 @@ STL has no unit, and says of no surface that it is closed: the unit is the calle
 from __future__ import annotations
 
 import base64
-import binascii
 import gzip
 import hashlib
 import re
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -57,7 +55,7 @@ def unpack(text: str) -> bytes:
     """The bytes that a text stands for: base64, of the file or of what gzip makes of it.  Raises DesignError."""
     try:
         content = base64.b64decode("".join(text.split()), validate=True)
-    except (binascii.Error, ValueError):
+    except ValueError:
         detail, cure = f"this is not base64: {show(text[:40])}", "base64 FILE.stl, or name the file"
         raise DesignError(Problem("", "not-base64", detail, cure)) from None
     if content[:2] != b"\x1f\x8b":
@@ -101,9 +99,8 @@ def read_surface(content: bytes, name: str) -> Surface:
 
 
 def _refuse_many(name: str, count: str) -> LimitError:
-    return LimitError(
-        Problem("", "too-many", f"{name} holds {count} triangles; at most {MOST_TRIANGLES}", DECIMATE, name)
-    )
+    detail = f"{name} holds {count} triangles; at most {MOST_TRIANGLES}"
+    return LimitError(Problem("", "too-many", detail, DECIMATE, name))
 
 
 def _is_binary(content: bytes) -> bool:
@@ -133,7 +130,8 @@ def _read_text(content: bytes, name: str) -> Array:
     """(T, 3, 3)."""
     corners: list[list[float]] = []
     at, line, inside = 0, 0, False
-    for line, words in _lines(decode(content, name)):
+    lines = enumerate(decode(content, name).splitlines(), 1)
+    for line, words in ((number, text.lower().split()) for number, text in lines if text.strip()):
         word = words[0]
         if at == 0 and word in ("solid", "endsolid"):
             inside = word == "solid"
@@ -153,12 +151,6 @@ def _read_text(content: bytes, name: str) -> Array:
     return np.array(corners).reshape(-1, 3, 3)
 
 
-def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    for number, line in enumerate(text.splitlines(), 1):
-        if words := line.lower().split():
-            yield number, words
-
-
 def _read_corner(words: list[str], name: str, line: int) -> list[float]:
     numbers = [float(word) for word in words if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", word)]
     if len(words) != 3 or len(numbers) != 3:
@@ -173,10 +165,10 @@ def _weld(triangles: Array, name: str) -> Surface:
         raise DesignError(Problem("", "empty-document", f"{name} holds no triangle", CURE, name))
     low = triangles.min(axis=(0, 1))
     size = float((triangles.max(axis=(0, 1)) - low).max()) or 1.0
-    _, first, which = np.unique(
-        np.round((triangles.reshape(-1, 3) - low) / (WELDED * size)), axis=0, return_index=True, return_inverse=True
-    )
-    corners, each = frozen(triangles.reshape(-1, 3)[first]), which.reshape(-1, 3)
+    every = triangles.reshape(-1, 3)
+    cells = np.round((every - low) / (WELDED * size))
+    _, first, which = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    corners, each = frozen(every[first]), which.reshape(-1, 3)
     a, b, c = np.moveaxis(corners[each], 1, 0)
     solid = np.linalg.norm(np.cross(b - a, c - a), axis=1) > FLAT * size**2
     if not solid.any():

@@ -20,12 +20,7 @@ from .document import DistanceView, FiducialPoint, PresetView
 from .drawn import find_drawn, redraw_data
 from .features import Feature
 from .frames import FRAME_FIELDS
-from .loading import (
-    ASSUMED,
-    Design,
-    follow_changes,
-    load_design,
-)
+from .loading import ASSUMED, Design, follow_changes, load_design
 from .reading import DEFAULT_LIMITS, Limits, hide_nothing, is_unseen, scalar
 
 
@@ -106,9 +101,7 @@ def data_to_yaml(data: Any) -> str:
     """Plain data as YAML text that :func:`read_text` reads back unchanged."""
     if isinstance(data, dict) and isinstance(data.get(ASSUMED), list):
         data = {**data, ASSUMED: _Lines(data[ASSUMED])}
-    text: str = yaml.dump(
-        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
-    )
+    text: str = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
     return hide_nothing(text)
 
 
@@ -172,9 +165,8 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
             for label, position in zip(labels, change.fiducials_mm, strict=True)
         ]
         same = tuple(labels) == design.fiducials.labels
-        if design.fiducials.origin is not None and not (
-            same and np.array_equal(change.fiducials_mm, design.fiducials.positions_mm)
-        ):
+        same = same and np.array_equal(change.fiducials_mm, design.fiducials.positions_mm)
+        if design.fiducials.origin is not None and not same:
             data["fiducials"]["origin"]["changed"] = True
         forget_missing_labels(data, set(labels))
     for (contributor, component), value in change.half_width.items():

@@ -174,9 +174,5 @@ def _limits(system: System) -> Iterator[Limit]:
 
 
 KIND = EffectKind(
-    host="fiducials",
-    section=CommonOfFiducials,
-    compile=_compile,
-    list_fiducials=_list_fiducials,
-    limits=_limits,
+    host="fiducials", section=CommonOfFiducials, compile=_compile, list_fiducials=_list_fiducials, limits=_limits
 )

@@ -38,17 +38,13 @@ class ImageField(Record):
     image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
     """
 
-    half_widths_px: Annotated[
-        list[HalfWidth],
-        Field(min_length=1, max_length=4),
-        Typical(0.02, 1),
-        FIELD_PX,
-    ] = Field(examples=[[0.0, 0.0, 0.1, 0.3]])
+    half_widths_px: Annotated[list[HalfWidth], Field(min_length=1, max_length=4), Typical(0.02, 1), FIELD_PX] = Field(
+        examples=[[0.0, 0.0, 0.1, 0.3]]
+    )
     """Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a degree has the
     same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT."""
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
     drawn: HowOften = level_field(Drawn.UNIT)
 
     _as_before = leave_out_later("drawn")

@@ -91,10 +91,8 @@ def intrinsics_error(
     view: str, known: object, sources: Sources, pointer: str = "", drawn: Drawn = Drawn.UNIT
 ) -> DirectEffect:
     """The effect in a view: known (3,) and sources (3, k) in the order and units of ``system.INTRINSICS``."""
-    name = f"{NAME}:{view}"
-    return DirectEffect(
-        name, f"assumed intrinsics, {view}", pointer, drawn, sources, frozen(known), Place.INTRINSICS, view
-    )
+    name, label = f"{NAME}:{view}", f"assumed intrinsics, {view}"
+    return DirectEffect(name, label, pointer, drawn, sources, frozen(known), Place.INTRINSICS, view)
 
 
 def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
@@ -131,9 +129,9 @@ def _limits(system: System) -> Iterator[Limit]:
     """
     known = [error.known / (1.0, 1000.0, 1000.0) for error in system.believed_errors if error is not None]
     size = float(np.abs([np.zeros(3), *known]).max())
-    about = system.fiducials_mm - system.fiducials_mm.mean(axis=0)
-    away = max(np.linalg.norm(each.position_mm - system.fiducials_mm.mean(axis=0)) for each in system.targets)
-    if away > NEAR * np.sqrt((about**2).sum(axis=1).mean()):
+    middle = system.fiducials_mm.mean(axis=0)
+    away = max(np.linalg.norm(each.position_mm - middle) for each in system.targets)
+    if away > NEAR * np.sqrt(((system.fiducials_mm - middle) ** 2).sum(axis=1).mean()):
         words = "intrinsics that are known to be wrong, for a target far away, which may change P95 by {} %"
         yield Proportional(words, COUNTED_FAR * size)
     else:

@@ -59,24 +59,14 @@ def motion(
     drawn: Drawn = Drawn.SHOT,
 ) -> DirectEffect:
     """The effect before the shot of a view: sources (6, k) and known (6,), rad and mm, about a pivot (3,) in con."""
-    return DirectEffect(
-        f"motion:{view}",
-        label or f"motion before shot {view}",
-        pointer,
-        drawn,
-        sources,
-        frozen(known),
-        Place.SHOT,
-        view,
-        frozen(pivot_mm),
-    )
+    name, label = f"motion:{view}", label or f"motion before shot {view}"
+    return DirectEffect(name, label, pointer, drawn, sources, frozen(known), Place.SHOT, view, frozen(pivot_mm))
 
 
 def _compile(section: MotionOfView, setting: Setting) -> Iterator[Effect]:
     if (declared := section.motion) is not None:
-        (view,), sources, pointer = setting.views, declared.tolerances.sources, f"{setting.pointer}/motion"
-        known = (0.0,) * 6
-        yield motion(view.name, declared.pivot_mm, sources, known, declared.label, pointer, declared.drawn)
+        view, sources, at = setting.views[0].name, declared.tolerances.sources, f"{setting.pointer}/motion"
+        yield motion(view, declared.pivot_mm, sources, label=declared.label, pointer=at, drawn=declared.drawn)
 
 
 def _not_modelled(system: System) -> str:

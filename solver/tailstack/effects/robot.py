@@ -67,6 +67,10 @@ _Sds = Annotated[list[_Sd], Field(min_length=1, max_length=MOST_JOINTS)]
 _Stiffness = Annotated[
     float, Field(ge=1, le=1e8), Typical(1e4, 1e6), AnySize("of a joint, or of a slide, from 1 to rigid")
 ]
+_Stiffnesses = Annotated[list[_Stiffness], Field(min_length=1, max_length=MOST_JOINTS)]
+_Mass = Annotated[
+    float, Field(ge=0, le=1000), Typical(0.5, 5), AnySize("from a probe to a C-arm, and known by weighing")
+]
 
 # --- the arm: forward kinematics, and what errors of joints and links do at a pose ------------------------
 
@@ -253,17 +257,10 @@ class Robot(Record):
     repeatability_sd_deg: _Sd | _Sds | None = Field(default=None, examples=[0.002])
     """Standard deviation of each joint about what it is told, degrees (a slide: mm), drawn anew at each of the two
     poses: backlash and scatter. One number, or one a joint. Absent: none."""
-    stiffness_nm_per_rad: Annotated[list[_Stiffness], Field(min_length=1, max_length=MOST_JOINTS)] | None = Field(
-        default=None, examples=[[4e4, 4e4, 3e4, 1e4, 1e4, 1e4]]
-    )
+    stiffness_nm_per_rad: _Stiffnesses | None = Field(default=None, examples=[[4e4, 4e4, 3e4, 1e4, 1e4, 1e4]])
     """Stiffness of each joint, Nm/rad (a slide: N/mm), where the controller does not allow for the sag of the payload.
     Only with payload_kg. Absent: rigid."""
-    payload_kg: (
-        Annotated[
-            float, Field(ge=0, le=1000), Typical(0.5, 5), AnySize("from a probe to a C-arm, and known by weighing")
-        ]
-        | None
-    ) = Field(default=None, examples=[2.5])
+    payload_kg: _Mass | None = Field(default=None, examples=[2.5])
     """Mass on the flange, kg."""
     payload_centre_mm: Annotated[Point, Typical(-100, 100)] = Field(
         default=(0.0, 0.0, 0.0), examples=[[0.0, 0.0, 80.0]]
@@ -283,9 +280,8 @@ class Robot(Record):
             stated = [name for name in (first, second) if getattr(self, name) is not None]
             if len(stated) == 1:
                 missing = second if stated[0] == first else first
-                raise refusal(
-                    "missing-field", f"{stated[0]} is read only with {missing}", f"state {missing}", stated[0]
-                )
+                detail = f"{stated[0]} is read only with {missing}"
+                raise refusal("missing-field", detail, f"state {missing}", stated[0])
         return self
 
     @property
@@ -404,9 +400,8 @@ def _compile(section: OfExecution, setting: Setting) -> Iterator[Effect]:
     arm, screws, twists, sag = compiled
     sizes = robot.parameter_sd or ParameterSd()
     for index, (joint, zero) in enumerate(zip(arm, _values(arm, robot.joint_sd_deg), strict=True)):
-        links = (*joint.leading, *joint.trailing)
         stated = [(MOTION, "rad" if joint.turns else "mm", zero)]
-        for link in links:
+        for link in (*joint.leading, *joint.trailing):
             turns = bool(link.twist[:3].any())
             width = radians(sizes.angle_deg) if turns else sizes.length_mm
             stated.append((link.name, "rad" if turns else "mm", width))
@@ -418,14 +413,9 @@ def _compile(section: OfExecution, setting: Setting) -> Iterator[Effect]:
                 if each.error.name == MOTION:
                     amounts[row, len(parameters) + each.pose] = each.sign
         ways = np.eye(len(parameters) + 2)
-        sources = gather_sources(
-            [
-                Source(name, "normal", width, 1.0, unit, way)
-                for (name, unit, width), way in zip(stated, ways, strict=False)
-                if width > 0
-            ],
-            len(ways),
-        )
+        pairs = zip(stated, ways, strict=False)
+        given = [Source(name, "normal", width, 1.0, unit, way) for (name, unit, width), way in pairs if width > 0]
+        sources = gather_sources(given, len(ways))
         known = frozen([*np.zeros(len(parameters)), *sag[:, index]])
         name, label = f"robot:{joint.name}", f"robot, {joint.name}"
         yield RobotEffect(name, label, at, robot.drawn, sources, known, twists, frozen(amounts))
@@ -499,10 +489,9 @@ def _check(section: OfExecution, pivots_mm: Pivots) -> Iterator[Problem]:
             detail = f"{field} has {len(value)} values; {count} joints of the arm move"
             yield Problem(f"{at}/{field}", "wrong-length", detail, "one value a joint, from the base to the flange")
     names = [joint.name for joint in arm]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    if twice := [name for name in names if names.count(name) > 1]:
         field = "joints" if robot.dh is None else "dh"  # a file was read into joints
-        yield Problem(f"{at}/{field}", "duplicate-name", f"two joints are called {twice!r}", "names are unique")
+        yield Problem(f"{at}/{field}", "duplicate-name", f"two joints are called {twice[0]!r}", "names are unique")
 
 
 def _not_modelled(system: System) -> str:

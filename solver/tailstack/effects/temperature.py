@@ -29,6 +29,8 @@ from ..system import Act, ArrayLike, Effect, Place, Scene, Sources, System
 from ..tolerances import HowOften, Source, gather_sources, level_field
 from .kind import EffectKind, Limit, Pivots, Proportional, Setting
 
+_Expansion = Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION]
+
 
 class Temperature(Record):
     """Operation at another temperature than that at which the fiducials were measured.
@@ -48,19 +50,14 @@ class Temperature(Record):
         default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
-        examples=[47.0]
-    )
+    structure_expansion_um_per_m_k: _Expansion = Field(examples=[47.0])
     """Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9."""
-    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
-        default=0.0, examples=[23.0]
-    )
+    connector_expansion_um_per_m_k: _Expansion = Field(default=0.0, examples=[23.0])
     """The same of the connector. Default 0."""
     seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(default=None, examples=[[0.0, 0.0, -95.0]])
     """Where structure and connector hold each other, con, mm. Default the pivot of structure_connector."""
     flange_seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(default=None, examples=[[0.0, 0.0, -150.0]])
     """Where the connector sits on the flange, con, mm. Default the pivot of connector_flange."""
-
     drawn: HowOften = level_field(Drawn.SHOT)
 
     _as_before = leave_out_later("drawn")
@@ -158,10 +155,5 @@ def _limits(system: System) -> Iterator[Limit]:
 
 
 KIND = EffectKind(
-    host="design",
-    section=OfDesign,
-    compile=_compile,
-    not_modelled=_not_modelled,
-    check=_check,
-    limits=_limits,
+    host="design", section=OfDesign, compile=_compile, not_modelled=_not_modelled, check=_check, limits=_limits
 )

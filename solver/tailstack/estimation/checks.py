@@ -43,11 +43,6 @@ SMALL_PARALLAX_DEG = 30.0
 DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
 
 
-def fewest_fiducials(system: System) -> int:
-    """How many fiducials a view has to see for its estimate."""
-    return system.estimator.traits.fewest_fiducials
-
-
 def check_geometry(system: System) -> tuple[Finding, ...]:
     """Refuse what has no answer (IllPosedError with every reason of its kind), remark what is doubtful.
 
@@ -59,8 +54,8 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
-    seen, sights = shares(system), _look(system)
-    check, fewest = _check_few if system.estimator.believes_intrinsics else _check_fiducials, fewest_fiducials(system)
+    seen, sights, fewest = shares(system), _look(system), system.estimator.traits.fewest_fiducials
+    check = _check_few if system.estimator.believes_intrinsics else _check_fiducials
     findings = check(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm), fewest)
     for share, each in zip(seen, sights, strict=True):
         if each.view.sees is not None:
@@ -84,7 +79,7 @@ def find_surely_answered(system: System, seen: NDArray[np.bool_]) -> NDArray[np.
     for v, each in enumerate(_look(replace(system, views=tuple(replace(view, sees=None) for view in system.views)))):
         masks, which = np.unique(seen[:, v], axis=0, return_inverse=True)
         sizes, sound = masks.sum(axis=1), np.zeros(len(masks), dtype=np.bool_)
-        for size in np.unique(sizes[sizes >= max(fewest_fiducials(system), 4)]).tolist():
+        for size in np.unique(sizes[sizes >= max(system.estimator.traits.fewest_fiducials, 4)]).tolist():
             rows = np.flatnonzero(sizes == size)
             columns = np.nonzero(masks[rows])[1].reshape(len(rows), size)
             left = points[columns]
@@ -250,30 +245,20 @@ def _spread(share: Share, fewest: int, unknowns: str) -> tuple[Array, Array, Arr
     of them, two in one place, and all on a line."""
     pointer, who, labels, points = share
     if len(points) < fewest:
-        raise _refuse(
-            pointer,
-            "too-few-fiducials",
-            f"{who}{unknowns}; {len(points)} fiducials arrived",
-            f"use at least {fewest}; 8 or more give a margin",
-        )
+        detail = f"{who}{unknowns}; {len(points)} fiducials arrived"
+        raise _refuse(pointer, "too-few-fiducials", detail, f"use at least {fewest}; 8 or more give a margin")
     first, second, distance = closest_two(points)
     if distance < TOUCHING_MM:
-        raise _refuse(
-            pointer,
-            "duplicate-fiducials",
-            f"{who}{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
-            "move or remove one of them",
-        )
+        detail = f"{who}{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)"
+        raise _refuse(pointer, "duplicate-fiducials", detail, "move or remove one of them")
     centred = points - points.mean(axis=0)
     _, values, axes = np.linalg.svd(centred, full_matrices=False)
     if values[1] < COLLINEAR * values[0]:
-        raise _refuse(
-            pointer,
-            "collinear-fiducials",
+        detail = (
             f"{who}the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
-            "about it, nor across it",
-            "spread them in three dimensions",
+            "about it, nor across it"
         )
+        raise _refuse(pointer, "collinear-fiducials", detail, "spread them in three dimensions")
     return values, axes, np.ptp(centred @ axes.T, axis=0)
 
 
@@ -288,14 +273,13 @@ def _check_poses(system: System, seen: Sequence[Share]) -> None:
     for share, view in zip(seen, system.views, strict=True):
         rival = find_rival(share.points, view)
         if rival is not None:
-            raise _refuse(
-                share.pointer,
-                "ambiguous-pose",
+            detail = (
                 f"view {view.name} sees the flat structure {degrees(rival.tilt_rad):.0f} degrees off its normal, "
                 f"and two poses explain its images: with the normal along {direction_name(rival.normal)} and along "
-                f"{direction_name(rival.rival_normal)}, {rival.apart:.1f} standard deviations of the noise apart",
-                "lift fiducials off the plane, turn the view by some ten degrees, or make the structure larger",
+                f"{direction_name(rival.rival_normal)}, {rival.apart:.1f} standard deviations of the noise apart"
             )
+            hint = "lift fiducials off the plane, turn the view by some ten degrees, or make the structure larger"
+            raise _refuse(share.pointer, "ambiguous-pose", detail, hint)
 
 
 def _check_noise(system: System) -> None:
@@ -309,9 +293,8 @@ def _check_noise(system: System) -> None:
 
 def _check_fiducials(share: Share, fewest: int) -> list[Finding]:
     pointer, who = share.pointer, share.view
-    values, axes, (_, width, thickness) = _spread(
-        share, fewest, "a projection has 11 unknowns and a fiducial gives 2 equations"
-    )
+    unknowns = "a projection has 11 unknowns and a fiducial gives 2 equations"
+    values, axes, (_, width, thickness) = _spread(share, fewest, unknowns)
     if values[2] < COPLANAR * values[0]:
         raise _refuse(
             pointer,
@@ -356,18 +339,14 @@ def _check_visibility(
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
         elif not (behind or each.clear):
             problems += _outside(system, labels, each, view.image_size_px, pointer)
-        if check.closest_pair_px < check.closest_pair_needs_px:
-            needed = f", {check.closest_pair_needs_px:.1f} px are needed by their size"
-            size = "" if system.fiducial_radius_mm is None else needed
+        apart, needed = check.closest_pair_px, check.closest_pair_needs_px
+        if apart < needed:
+            size = "" if system.fiducial_radius_mm is None else f", {needed:.1f} px are needed by their size"
             message = (
                 f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
-                f"{check.closest_pair_px:.1f} px apart{size}: they may not be told apart"
+                f"{apart:.1f} px apart{size}: they may not be told apart"
             )
-            findings.append(
-                Finding(
-                    "projected-overlap", "warning", message, pointer, check.closest_pair_px, check.closest_pair_needs_px
-                )
-            )
+            findings.append(Finding("projected-overlap", "warning", message, pointer, apart, needed))
     if problems:
         raise IllPosedError(problems[:20])
     return findings
@@ -474,13 +453,12 @@ def _check_triangulation(system: System) -> Iterator[Finding]:
             to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
             along = direction_name(rays[0])
             if spread < NO_PARALLAX * to_structure:
-                raise _refuse(
-                    "/views",
-                    "same-source",
+                detail = (
                     f"the sources of views {names} coincide: nothing is known of target {target.name} along "
-                    f"{along}, the ray to it",
-                    "take a second view from another side; 60 to 120 degrees between views is best",
+                    f"{along}, the ray to it"
                 )
+                hint = "take a second view from another side; 60 to 120 degrees between views is best"
+                raise _refuse("/views", "same-source", detail, hint)
             near = reach.min() < 10 * spread
             reason = "lies on the line through the sources" if near else "is so far that the rays to it are parallel"
             raise _refuse(
@@ -550,12 +528,8 @@ def _head_on(points: Array, view: View, camera: SplitProjection, axes: Array, ti
     values, vectors = np.linalg.eigh(within.T @ spread @ within)
     axis = within @ vectors[:, 1]
     step = float(np.sqrt(values[1]))
-    sides = [
-        images_of(
-            camera.intrinsics, points - centre, turn_by(s * step * axis) @ camera.rotation, place, np.zeros(3)
-        ).images
-        for s in (1.0, -1.0)
-    ]
+    turned = (turn_by(s * step * axis) @ camera.rotation for s in (1.0, -1.0))
+    sides = [images_of(camera.intrinsics, points - centre, turn, place, np.zeros(3)).images for turn in turned]
     bent = np.linalg.norm((sides[0] + sides[1]) / 2 - image.images)
     if bent <= view.fiducial_noise_px:
         return None

@@ -108,9 +108,8 @@ def resect_pose(
         pose.put(k, settled)
     in_front = (offset @ pose.rotation[..., 2, :, None] + pose.place_mm[..., None, 2:] > 0).all(axis=(-1, -2))
     shift = pose.place_mm - (pose.rotation @ centre[..., 0, :, None])[..., 0]
-    estimate = _calibration(camera.intrinsics, pose.intrinsics) @ np.concatenate(
-        [pose.rotation, shift[..., None]], axis=-1
-    )
+    placed = np.concatenate([pose.rotation, shift[..., None]], axis=-1)
+    estimate = _calibration(camera.intrinsics, pose.intrinsics) @ placed
     return np.where(((moved <= RESTLESS_PX) & in_front)[..., None, None], estimate, np.nan)
 
 

@@ -22,6 +22,7 @@ from ..people_tables import decode_people_text
 CageUnit = Literal["mm", "cm"]
 UNITS: dict[str, float] = {"mm": 1.0, "cm": 10.0}
 REFERENCES = 4  # XMALab takes the pose of a cage from the first four
+_NEEDED = f"XMALab takes the pose of a cage from {REFERENCES} references"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +56,8 @@ def read_cage(content: bytes, name: str, form: CageForm, limits: Limits) -> Fidu
 def _read_scales(header: str, name: str) -> tuple[float, float, float]:
     """What the first line multiplies the axes by."""
     cells = header.split(",")
-    if all(
-        re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", cell) for cell in re.split(r"[,;\t ]+", header.strip())
-    ):
+    words = re.split(r"[,;\t ]+", header.strip())
+    if all(re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", word) for word in words):
         detail = f"XMALab does not read the first line, and here it is a bead: {show(header)}"
         raise refuse(name, 1, "cage-header", detail, "put a line like x,y,z above it")
     matches = [_SCALE.fullmatch(cell) for cell in cells[:3]]
@@ -98,7 +98,7 @@ def read_references(content: bytes, name: str, beads: int) -> dict[int, str]:
             raise refuse(name, number, "reference-row", f"bead {bead} {problem}", "the first bead has number 1")
         shapes[bead] = match[2]
     if len(shapes) < REFERENCES:
-        detail = f"XMALab takes the pose of a cage from {REFERENCES} references; {name} has {len(shapes)}"
+        detail = f"{_NEEDED}; {name} has {len(shapes)}"
         raise refuse(name, None, "too-few-references", detail, "mark beads that are not all in one plane")
     return shapes
 
@@ -119,16 +119,13 @@ def write_cage(fiducials: FiducialList, unit: CageUnit) -> str:
 def write_references(fiducials: FiducialList, marked: tuple[str, ...], name: str) -> str:
     """The references of a cage: labels of the beads that are marked with shapes, the first four for the pose."""
     if len(marked) < REFERENCES or len(set(marked)) < len(marked):
-        detail = (
-            f"XMALab takes the pose of a cage from {REFERENCES} references, each another bead; got {', '.join(marked)}"
-        )
+        detail = f"{_NEEDED}, each another bead; got {', '.join(marked)}"
         raise DesignError(Problem("", "too-few-references", detail, "name four beads that are not all in one plane"))
     lines = []
     for label in marked:
         if label not in fiducials.labels:
-            raise DesignError(
-                Problem("", "unknown-label", f"no bead is called {label!r}", "labels are as in the design")
-            )
+            detail = f"no bead is called {label!r}"
+            raise DesignError(Problem("", "unknown-label", detail, "labels are as in the design"))
         if not _SHAPE.fullmatch(label):
             detail = f"{name} takes names of at most 20 letters, digits and spaces; got {label!r}"
             raise DesignError(Problem("", "bad-label", detail, "rename the bead"))

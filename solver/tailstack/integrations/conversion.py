@@ -111,15 +111,11 @@ def _is_design(content: bytes, name: str) -> bool:
     """Whether a .json is a design; one that holds points of 3D Slicer is none, whatever its name."""
     if not name.lower().endswith(".json") or name.lower().endswith(FORMATS):
         return False
-    return not (b'"markups"' in content and _holds_markups(content))
-
-
-def _holds_markups(content: bytes) -> bool:
     try:
-        data = json.loads(content)
+        data = json.loads(content) if b'"markups"' in content else None
     except (ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and "markups" in data and holds_points(data)
+        return True
+    return not (isinstance(data, dict) and "markups" in data and holds_points(data))
 
 
 def read_source_file(source: Path) -> bytes:
@@ -130,9 +126,8 @@ def read_source_file(source: Path) -> bytes:
     name = source.name.lower()
     if not name.endswith((*FORMATS, *DOCUMENTS, ".tsv", *STEP_FILES)):
         return read_bytes(source, HEADER_BYTES, str(source), whole=False)
-    return read_bytes(
-        source, MOST_STEP_BYTES if name.endswith(STEP_FILES) else DEFAULT_LIMITS.document_bytes, str(source)
-    )
+    most_bytes = MOST_STEP_BYTES if name.endswith(STEP_FILES) else DEFAULT_LIMITS.document_bytes
+    return read_bytes(source, most_bytes, str(source))
 
 
 def _place_fiducials(
@@ -145,17 +140,13 @@ def _place_fiducials(
     before = data.get("fiducials", {})
     own = {point.get("label"): point for point in before.pop("points", [])}
     before.pop("origin", None)
-    section: dict[str, Any] = {
-        "points": [
-            {**own.get(label, {}), "label": label, "position_mm": list(position)}
-            for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
-        ],
-        **(
-            {} if fiducials.origin is None else {"origin": fiducials.origin.model_dump(mode="json", exclude_unset=True)}
-        ),
-        **before,
-    }
-    data["fiducials"] = section
+    points = [
+        {**own.get(label, {}), "label": label, "position_mm": list(position)}
+        for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+    ]
+    file = fiducials.origin
+    origin: dict[str, Any] = {} if file is None else {"origin": file.model_dump(mode="json", exclude_unset=True)}
+    data["fiducials"] = {"points": points, **origin, **before}
     if data.get("optimise", {}).get("fixed"):
         forget_missing_labels(data, set(fiducials.labels))
     notes, guessed = _place_contacts(data, contacts) if contacts else ((), [])
@@ -175,22 +166,14 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     interface = data.get("interfaces", {}).get("structure_connector", {})
     before = {locator["name"]: locator for locator in interface.get("locators") or ()}
     start = {"half_width_mm": SEAT_HALF_WIDTH_MM, "distribution": "uniform"}
-    locators = [
-        {
-            **before.get(each.name, start),
-            "name": each.name,
-            "position_mm": [*each.position_mm],
-            "normal": [*each.normal],
-        }
-        for each in contacts
-    ]
+    places = [{"name": each.name, "position_mm": [*each.position_mm], "normal": [*each.normal]} for each in contacts]
+    locators = [before.get(each.name, start) | place for each, place in zip(contacts, places, strict=True)]
     _hold(data, np.mean([each.position_mm for each in contacts], axis=0).tolist(), locators=locators)
     new = [each.name for each in contacts if each.name not in before]
     if not new:
         return (), []
-    words = (
-        f"half-width {SEAT_HALF_WIDTH_MM} mm, uniform, of {', '.join(new)}: a start, as STEP states none; correct it"
-    )
+    width = f"half-width {SEAT_HALF_WIDTH_MM} mm, uniform, of {', '.join(new)}"
+    words = f"{width}: a start, as STEP states none; correct it"
     at = "/interfaces/structure_connector/locators"
     return (words,), [f"{at}/{k}/half_width_mm" for k, each in enumerate(contacts) if each.name in new]
 

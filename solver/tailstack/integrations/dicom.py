@@ -214,24 +214,22 @@ def _is_zero(text: str) -> bool:
         return False
 
 
-def _doubt(text: dict[str, str], widest_mm: float) -> list[str]:
+def _doubt(text: dict[str, str], widest_mm: float) -> Iterator[str]:
     """What of a header is to be looked at, in sentences."""
-    doubts = []
     for keyword, what in (("PositionerMotion", "the C-arm"), ("TableMotion", "the table")):
         if text[keyword] == "DYNAMIC":
-            doubts.append(f"{what} moved during the run ({keyword} DYNAMIC): the view is that of its first frame")
+            yield f"{what} moved during the run ({keyword} DYNAMIC): the view is that of its first frame"
     try:
         field = max(map(float, text["FieldOfViewDimensions"].split("\\")))
     except ValueError:
         field = widest_mm
     if abs(field - widest_mm) > 2 + 0.02 * widest_mm:
-        doubts.append(
+        yield (
             f"FieldOfViewDimensions says {field:g} mm, pixels times ImagerPixelSpacing {widest_mm:.4g} mm: if pixels "
             "were joined or left out after it was written, pixel_mm is wrong"
         )
     if text["FieldOfViewShape"] in ("ROUND", "HEXAGONAL"):
-        doubts.append(f"FieldOfViewShape is {text['FieldOfViewShape']}: the corners of the image show nothing")
-    return doubts
+        yield f"FieldOfViewShape is {text['FieldOfViewShape']}: the corners of the image show nothing"
 
 
 def _name_tag(keyword: str) -> str:
@@ -253,9 +251,8 @@ def convert_shots(
     Raises DesignError, LimitError, MissingExtraError.
     """
     if not target_name.lower().endswith(DOCUMENTS):
-        raise DesignError(
-            Problem("", "unknown-format", "images become a design", f"write one of {' '.join(DOCUMENTS)}")
-        )
+        cure = f"write one of {' '.join(DOCUMENTS)}"
+        raise DesignError(Problem("", "unknown-format", "images become a design", cure))
     shots = [read_shot(content, name) for content, name in files]
     if callable(base) and len(shots) < 2:
         raise _refusal(files[0][1], "one image is one view, and a design has two at least", "give the other image, too")
@@ -283,20 +280,18 @@ def place_shots(base: Design, shots: Sequence[Shot]) -> tuple[dict[str, Any], tu
         kept = {**start, **{field: value for field, value in before.items() if field not in GEOMETRY}}
         new += [f"/views/{k}/{field}" for field in start if field not in before and field != "name"]
         beam, up = shot.aim()
-        views[k : k + 1] = [
-            {
-                "name": kept.pop("name"),
-                "source_detector_mm": shot.source_detector_mm,
-                "source_isocentre_mm": shot.source_isocentre_mm,
-                "pixel_mm": shot.pixel_mm,
-                "image_size_px": list(shot.image_size_px),
-                "beam_direction": list(beam),
-                "up_direction": list(up),
-                **kept,
-            }
-        ]
+        placed = {
+            "name": kept.pop("name"),
+            "source_detector_mm": shot.source_detector_mm,
+            "source_isocentre_mm": shot.source_isocentre_mm,
+            "pixel_mm": shot.pixel_mm,
+            "image_size_px": list(shot.image_size_px),
+            "beam_direction": list(beam),
+            "up_direction": list(up),
+        }
+        views[k : k + 1] = [placed | kept]
         turned = "" if shot.is_flipped else "; columns of the view run against those of the image"
-        notes.append(f"{views[k]['name']} is {shot.file}: {shot.words}{turned}")
+        notes.append(f"{placed['name']} is {shot.file}: {shot.words}{turned}")
         notes += [f"{shot.file}: {doubt}" for doubt in shot.doubts]
     if len({(shot.pixel_mm, shot.image_size_px) for shot in shots}) > 1:
         notes.append("pixels or sizes of the images differ: are they of one C-arm, and was none of them scaled?")

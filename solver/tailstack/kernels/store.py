@@ -274,9 +274,8 @@ def digest_of_constants(function: FunctionType) -> str:
                 waiting += [called] if called.__module__.partition(".")[0] == "tailstack" else []
             elif isinstance(value, np.ndarray | np.generic | bool | int | float | complex):
                 array = np.asarray(value)
-                total.update(
-                    f"{current.__module__}.{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes()
-                )
+                told = f"{current.__module__}.{name} {array.dtype.str} {array.shape}\0"
+                total.update(told.encode() + array.tobytes())
     return total.hexdigest()
 
 

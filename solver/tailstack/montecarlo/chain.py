@@ -32,17 +32,7 @@ from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import LAW_CODE, ChainPlan, compile_plan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
-from .tables import (
-    EXECUTION,
-    MANUFACTURED,
-    MOUNTS,
-    SHOT,
-    arm_slot,
-    beads_slot,
-    images_slot,
-    intrinsics_slot,
-    shot_slot,
-)
+from .tables import EXECUTION, MANUFACTURED, MOUNTS, SHOT, arm_slot, beads_slot, images_slot, intrinsics_slot, shot_slot
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
@@ -361,20 +351,10 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     per = tables.noise[:, [0] * count + [1] * targets]
     along_v = per[..., 1] * drawn[..., 0] + per[..., 2] * drawn[..., 1]
     noise = np.stack([per[..., 0] * drawn[..., 0], along_v], axis=-1)
-    exact = np.stack(
-        [
-            project(view.projection, transform_points(transform(shot_slot(views, v)), true))
-            for v, view in enumerate(system.views)
-        ],
-        axis=1,
-    )
-    shifts = np.stack(
-        [
-            tables.image_shifts[v] + act(images_slot(views, v), 2 * (count + targets)).reshape(trials, -1, 2)
-            for v in range(views)
-        ],
-        axis=1,
-    )
+    at_shots = (transform_points(transform(shot_slot(views, v)), true) for v in range(views))
+    exact = np.stack([project(view.projection, at) for view, at in zip(system.views, at_shots, strict=True)], axis=1)
+    drawn_shifts = [act(images_slot(views, v), 2 * (count + targets)).reshape(trials, -1, 2) for v in range(views)]
+    shifts = tables.image_shifts + np.stack(drawn_shifts, axis=1)
     images = exact + shifts[:, :, :count] + noise[:, :, :count]
     wrong = np.stack([act(intrinsics_slot(views, v), 3) + tables.intrinsics[v, 5:8] for v in range(views)], axis=1)
     estimates = estimate_views(system, assumed, images, wrong)

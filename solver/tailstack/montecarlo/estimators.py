@@ -94,13 +94,11 @@ def between_ranks(
     """
     middle = ceil(samples.trials * quantile)
     sample = with_ranks(samples, target, error, low, middle, high)
-    ends = (
-        0.0 if low is None else order_statistic(sample, low),
-        inf if high is None else order_statistic(sample, high),
-    )
-    if ends[0] == inf:
+    least = 0.0 if low is None else order_statistic(sample, low)
+    most = inf if high is None else order_statistic(sample, high)
+    if least == inf:
         raise no_bound(samples.unanswered, samples.trials, f"that {100 * quantile:g} % of shots keep")
-    return QuantileEstimate(order_statistic(sample, middle), ends)
+    return QuantileEstimate(order_statistic(sample, middle), (least, most))
 
 
 def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:

@@ -226,12 +226,8 @@ def _slots(system: System, held: Drawn | None = None) -> list[_Slot]:
 def _place(act: Act) -> Act:
     """The same, of which the plan knows where it belongs."""
     match act.place:
-        case Place.SHOT | Place.IMAGES | Place.INTRINSICS:
-            return act  # a slot of each view
-        case Place.BEADS | Place.CONNECTOR:
-            return act  # ``_parts_of_beads``
-        case Place.ARM:
-            return act  # the last slot
+        case Place.SHOT | Place.IMAGES | Place.INTRINSICS | Place.BEADS | Place.CONNECTOR | Place.ARM:
+            return act  # a slot of each view; ``_parts_of_beads`` for two; the last slot
         case Place.SEAT | Place.FLANGE | Place.HAND_EYE | Place.TOOL:
             raise AssertionError(act.place)  # ``System.links`` alone
         case _:
@@ -278,9 +274,8 @@ def _vertex_values(names: tuple[str, ...], vertex: Mapping[str, float] | Array |
         unknown = sorted(set(vertex) - set(names))
         if unknown:
             detail = f"vertex names {', '.join(unknown)}, which is not a bounded source"
-            raise OutOfRangeError(
-                Problem("", "unknown-vertex", detail, f"bounded sources: {', '.join(names) or 'none'}")
-            )
+            hint = f"bounded sources: {', '.join(names) or 'none'}"
+            raise OutOfRangeError(Problem("", "unknown-vertex", detail, hint))
         return tuple(float(vertex.get(name, 0.0)) for name in names)
     values = np.asarray(vertex, dtype=float)
     if values.shape != (len(names),) or not np.isfinite(values).all():
@@ -438,12 +433,10 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
         assumed = sources.fixed[intrinsics_slot(len(system.views), v)]
         intrinsics.append(np.concatenate([intrinsics_of(cameras[-1]), assumed, known[v]]))
+    of_views = _tables_of_views(system.sees[None] > 0, system.fiducials_mm, frame)
     return {
         "nominal": frame.points,
-        **{
-            name: table[0]
-            for name, table in _tables_of_views(system.sees[None] > 0, system.fiducials_mm, frame).items()
-        },
+        **{name: table[0] for name, table in of_views.items()},
         "row_factors": _tabulate_factors(system),
         "into_frame": frame.into.ravel(),
         "out_of_frame": frame.out.ravel(),

@@ -238,13 +238,8 @@ def shard_to_bytes(shard: Shard) -> bytes:
         "missed": shard.missed,
         "unanswered": shard.unanswered,
     }
-    arrays = [
-        np.array([block.mean for block in shard.moments]),
-        np.array([block.scatter for block in shard.moments]),
-        np.array([block.norm_mean for block in shard.moments]),
-        np.array(shard.floors),
-        *shard.tails,
-    ]
+    moments = (np.array([getattr(block, name) for block in shard.moments]) for name in Moments._fields[1:])
+    arrays = [*moments, np.array(shard.floors), *shard.tails]
     return pack(head, arrays if shard.reprojection is None else [*arrays, shard.reprojection])
 
 

@@ -100,10 +100,9 @@ class Run:
         self.simulation = simulation
         self._limits = simulation.limits or (inf,) * metrics
         self._moments: Moments | None = None
-        self._done = self._missed = self._unanswered = 0  # trials
+        self._done = self._missed = self._unanswered = self._redone = 0  # trials
         self._tails = [Tail() for _ in range(metrics)]
         self._above = [0] * metrics
-        self._redone = 0
         self._reprojections: list[Array] = []
 
     def grow(

@@ -121,9 +121,8 @@ def simulate_to_precision(
     if finished:
         reason = f"every interval is within ±{100 * worst:.2g} % of its quantile, as requested (±{100 * precision:g} %)"
     else:
-        reason = f"the cap of {max_trials} trials was reached at ±{100 * worst:.2g} %, " + (
-            f"short of the ±{100 * precision:g} % requested" if worst > precision else "with a requirement undecided"
-        )
+        lack = f"short of the ±{100 * precision:g} % requested" if worst > precision else "with a requirement undecided"
+        reason = f"the cap of {max_trials} trials was reached at ±{100 * worst:.2g} %, {lack}"
     stopping = (
         f"Stopped after {samples.trials} trials because {reason}; each look used a confidence of {level:.5g}, "
         f"Bonferroni over {len(looks)} planned looks, for {confidence:g} in all."

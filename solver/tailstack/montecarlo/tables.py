@@ -84,9 +84,7 @@ class Tables(NamedTuple):
     counts: NDArray[np.int64]  # (15,) by ``FIDUCIALS`` ... ``SCREWS``
     starts: NDArray[np.int64]  # (7 + 3 V,): first column of manufacturing, then of every slot
     nominal: Array  # (N, 3) fiducials in the object frame
-    products: (
-        Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
-    )
+    products: Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where not seen
     diagonal: Array  # (V, 8) D, then 1 / D, of each view
     view_frames: Array  # (V, 12) object frame -> frame of the view: linear part, then shift
     spread: Array  # (N, 3) scale of one manufacturing deviate, mm
@@ -95,11 +93,10 @@ class Tables(NamedTuple):
     object_scale: Array  # (2,) length in the object frame over mm, and its square's inverse
     cameras: Array  # (V, 12) projection of con mm, pixels counted from the fiducials' nominal mean image
     fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
-    intrinsics: (
-        Array  # (V, 11) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
-    )
-    # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point;
-    # and the precision of each of these three as a prior has it, px^2 (``System.prior_precisions``)
+    # (V, 11) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how much the
+    # assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point; and the
+    # precision of each of these three as a prior has it, px^2 (``System.prior_precisions``)
+    intrinsics: Array
     target_images: Array  # (T, V, 2) px from the same origin
     row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
     noise: Array  # (V, 2, 3) px, of fiducials, targets: u by its deviate, v by that of u and by its own

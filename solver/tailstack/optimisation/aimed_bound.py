@@ -124,7 +124,6 @@ def read_looks(design: Design, starts: int) -> Looks:
 
 def _read_aim(design: Design, system: System, free: FreeView) -> FreeAim:
     _, view = find_view(design, free.view)
-    present = present_distance(design, free.view)
     limits = free.source_isocentre_mm
     beam, words = unit(np.array(view.beam, dtype=float)), []
     right = unit(np.cross(beam, view.up_direction))
@@ -139,7 +138,7 @@ def _read_aim(design: Design, system: System, free: FreeView) -> FreeAim:
         np.cross(beam, [right, np.cross(right, beam)]),
         np.array(view.isocentre_mm),
         radians(free.cone_deg),
-        present,
+        present_distance(design, free.view),
         None if limits is None else (limits[0], limits[1]),
         " and ".join(words),
     )
@@ -185,18 +184,13 @@ class AimedViews:
 
     @property
     def words(self) -> str:
-        """What a bound holds for beside tolerances and pivots."""
         return f"other views, {' and '.join(aim.words for aim in self.aims)}"
 
     def bound_images(self, problem: PlacementProblem, term: DemandTerms, half_width: Array) -> ImagesBound:
-        """Of one demand, for half-widths (K,) about these.  Raises NoBound."""
         if reason := why_none(problem, term):
             raise NoBound(reason)
-        key = (
-            *term.reconstructed_mm[0].tolist(),
-            counts_manufacturing(problem, term),
-            len(problem.system.fiducial_labels),
-        )
+        count = len(problem.system.fiducial_labels)
+        key = (*term.reconstructed_mm[0].tolist(), counts_manufacturing(problem, term), count)
         if key not in self.found:
             self.found[key] = self._bound(problem, term, half_width)
         return self.found[key]
@@ -240,10 +234,8 @@ class AimedViews:
 
     def _cones_hold(self, at: Array, half: Array) -> bool:
         parts = np.cumsum([len(aim.bounds) for aim in self.aims])[:-1]
-        return all(
-            aim.holds(middle, wide)
-            for aim, middle, wide in zip(self.aims, np.split(at, parts), np.split(half, parts), strict=True)
-        )
+        each = zip(self.aims, np.split(at, parts), np.split(half, parts), strict=True)
+        return all(aim.holds(middle, wide) for aim, middle, wide in each)
 
     def _look(self, box: AimBox, problem: PlacementProblem, term: DemandTerms, weight: Array) -> None:
         """Choose z for a box, and bound the mean square of a weight (3, 3) there."""

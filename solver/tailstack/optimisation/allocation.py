@@ -107,7 +107,7 @@ def allocate(
     gains = np.asarray(gains, dtype=np.float64).reshape(-1, len(prices), 3)
     limits = np.broadcast_to(np.asarray(limits_mm, dtype=np.float64), gains.shape[:1])
     low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), len(prices)) for b in (lower, upper))
-    case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p)
+    case, curves, free = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p)
 
     def answer(chosen: Array, dual: float | None) -> BoundedAllocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
@@ -145,18 +145,11 @@ def gaussian_bracket(allocate: Callable[[Array], BoundedAllocation], limits_mm: 
 
 
 def _case(
-    noise: Array,
-    gains: Array,
-    prices: Sequence[Price],
-    std_per_half_width: Array,
-    limits: Array,
-    low: Array,
-    high: Array,
-    p: float,
-) -> tuple[_Case, PriceCurves, NDArray[np.bool_], Array]:
-    """(programme's data, all curves (k,), which are to be chosen (k,), the half-widths of the others (k,))."""
+    noise: Array, gains: Array, prices: Sequence[Price], per: Array, limits: Array, low: Array, high: Array, p: float
+) -> tuple[_Case, PriceCurves, NDArray[np.bool_]]:
+    """(programme's data, all curves (k,), which are to be chosen (k,)); the others stay at their high (k,)."""
     curves = curves_of(prices)
-    scaled = gains * std_per_half_width[:, None] / limits[:, None, None]
+    scaled = gains * per[:, None] / limits[:, None, None]
     outer = np.einsum("tia,tib->tiab", scaled, scaled)
     # Alone and without noise a tolerance uses up the limit here: rank one
     size = (1 + frobenius_constant(p)) * (scaled**2).sum(axis=2).max(axis=0)
@@ -169,7 +162,7 @@ def _case(
     base = base + np.einsum("tiab,i->tab", outer[:, still], high[still] ** 2)
     top = np.minimum(high, np.maximum(reach, 2 * low))
     case = _Case(p, base, outer[:, free], curves.only(free), low[free], top[free])
-    return case, curves, free, high
+    return case, curves, free
 
 
 def _refuse_infeasible(ratios: Array, limits: Array, p: float) -> InfeasibleError:

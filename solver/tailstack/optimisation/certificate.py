@@ -17,14 +17,7 @@ from .exact_law import Evaluation, error_moments, evaluate_demand, width_slopes
 from .grades import Optimum
 from .placement import PlacementSolution
 from .prices import cheapest, cheapest_in_logarithm
-from .problem import (
-    Choice,
-    PlacementProblem,
-    for_people,
-    in_words,
-    label_of,
-    present_choice,
-)
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
 from .search import Search
@@ -58,12 +51,8 @@ def name_binding(
             else:
                 binding.append(row.text + _minimum(program.problem, row.kind))
     binding += [f"{', '.join(sorted(names, key=order.index))} {face}" for face, names in touched.items()]
-    return (
-        *binding,
-        *_faces(program, point, order),
-        *_bounds_on_widths(program, point),
-        *_bounds_on_mechanics(program, point),
-    )
+    binding += [*_faces(program, point, order), *_bounds_on_widths(program, point)]
+    return *binding, *_bounds_on_mechanics(program, point)
 
 
 def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
@@ -99,11 +88,8 @@ def _faces(program: Program, point: Point, order: tuple[str, ...]) -> list[str]:
         if not isinstance(place.region, BoxRegion):
             continue
         sides = [(k, _at_bound(program, point, 3 * g + k)) for k in range(3)]
-        faces = [
-            f"{'xyz'[k]} = {(place.region.high_mm if side > 0 else place.region.low_mm)[k]:g} mm"
-            for k, side in sides
-            if side
-        ]
+        low, high = place.region.low_mm, place.region.high_mm
+        faces = [f"{'xyz'[k]} = {(high if side > 0 else low)[k]:g} mm" for k, side in sides if side]
         if faces:
             label = problem.system.fiducial_labels[place.fiducials[0]]
             by_faces.setdefault(", ".join(faces), []).append(label)
@@ -251,23 +237,20 @@ def _varies_unlike_normal(problem: PlacementProblem) -> bool:
 
 def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple[float, float]:
     """(lower bound, cost of the safe side) of the allocation at this layout."""
-    noise, gains, limits = [], [], []
+    noise, nothing = [], np.zeros(len(problem.half_widths))
     for term in search.terms:
         images = evaluate_demand(problem, term, replace(choice, half_width=problem.lower)).images
-        nothing = np.zeros(len(problem.half_widths))
         fixed = error_moments(term, images, nothing, pivot_shift_of(problem, choice), np.zeros(0))
         noise.append((fixed.unit + fixed.shot).astype(float))
-        gains.append(term.free_gain.T)
-        limits.append(term.demand.requirement.limit)
     p = search.terms[0].demand.requirement.quantile
     within = partial(
         allocate,
         np.array(noise),
-        np.array(gains),
+        np.array([term.free_gain.T for term in search.terms]),
         [free.price for free in problem.half_widths],
         np.array([per for _, per in free_laws(problem)]),
         lower=problem.lower,
         upper=problem.upper,
         p=p,
     )
-    return gaussian_bracket(within, np.array(limits), p)
+    return gaussian_bracket(within, np.array([term.demand.requirement.limit for term in search.terms]), p)

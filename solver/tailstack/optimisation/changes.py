@@ -69,9 +69,8 @@ def layout_problem(design: Design, error: PointError) -> PlacementProblem:
     problem = _layout_alone(read_request(design).problem, error)
     if not problem.places:
         detail = "no fiducial is free: there is one layout alone"
-        raise DesignError(
-            Problem("/optimise", "nothing-free", detail, "give optimise a box, or regions in which fiducials may be")
-        )
+        hint = "give optimise a box, or regions in which fiducials may be"
+        raise DesignError(Problem("/optimise", "nothing-free", detail, hint))
     return problem
 
 

@@ -18,15 +18,7 @@ from ..geometry.arrays import Array
 from ..measures import MEASURE
 from ..results.digits import at_least, at_most
 from ..system import View
-from .problem import (
-    MOST_FIDUCIALS,
-    FreeFiducial,
-    PlacementProblem,
-    count_ends,
-    for_people,
-    in_words,
-    present_choice,
-)
+from .problem import MOST_FIDUCIALS, FreeFiducial, PlacementProblem, count_ends, for_people, in_words, present_choice
 from .regions import bounding_box, corners, distinct
 
 ROOM = 1e-3  # relative: above the least possible cost, for a search to have an inside
@@ -51,15 +43,12 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         imaging, made = problem.estimation.imaging, problem.system.manufacturing_std_mm
         varies = imaging.estimation.noise[:, 0].any() or made.any() or any(std.any() for std in believed)
         if not (varies or imaging.assumed.any() or problem.system.shared_image_errors):
-            problems.append(
-                Problem(
-                    problem.places[0].pointer,
-                    "no-influence",
-                    "fiducial noise and manufacturing errors are zero, and a rigid installation error acts the same "
-                    "way whatever the layout: moving fiducials changes nothing",
-                    "state the noise of the fiducials in the views, or remove the region",
-                )
+            detail = (
+                "fiducial noise and manufacturing errors are zero, and a rigid installation error acts the same way "
+                "whatever the layout: moving fiducials changes nothing"
             )
+            hint = "state the noise of the fiducials in the views, or remove the region"
+            problems.append(Problem(problem.places[0].pointer, "no-influence", detail, hint))
     elif not (problem.half_widths or problem.pivots):
         hint = "add a box or rotation_bounds"
         problems.append(Problem("/optimise", "nothing-free", "no fiducial, tolerance or pivot is free to change", hint))
@@ -70,18 +59,14 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
 
 def _statistics(problem: PlacementProblem) -> Iterator[Problem]:
     """Requirements on what is no mean of quantiles."""
-    yield from (
-        Problem(
-            f"/requirements/{index}/statistic",
-            "not-optimised",
-            f"{item.name} limits the {item.statistic} of {MEASURE[item.error].words}: the search keeps limits of "
-            "quantiles and of means of them" + (", the latter of a single vector" if item.mixture else ""),
-            "name others in optimise.requirement; the check of what is found judges this one too",
-        )
-        for index, item in enumerate(problem.system.requirements)
-        if item.name in [asked.name for asked in problem.requirements]
-        and (not item.mixture or (MEASURE[item.error].paired and not item.row.by_quantile))
-    )
+    asked = [item.name for item in problem.requirements]
+    hint = "name others in optimise.requirement; the check of what is found judges this one too"
+    for index, item in enumerate(problem.system.requirements):
+        measure = MEASURE[item.error]
+        if item.name in asked and (not item.mixture or (measure.paired and not item.row.by_quantile)):
+            detail = f"{item.name} limits the {item.statistic} of {measure.words}: the search keeps limits of "
+            detail += "quantiles and of means of them" + (", the latter of a single vector" if item.mixture else "")
+            yield Problem(f"/requirements/{index}/statistic", "not-optimised", detail, hint)
 
 
 def _flat(problem: PlacementProblem) -> Iterator[Problem]:
@@ -133,9 +118,8 @@ def _curves(problem: PlacementProblem) -> list[Problem]:
         least = free.maximum / (log(free.price.weight) - log(LEAST_COST))
         if free.price.scale >= least * (1 - 1e-9):
             continue
-        (scale, unit), (least, _), (high, _) = (
-            for_people(problem, k, value) for value in (free.price.scale, least, free.maximum)
-        )
+        each = (for_people(problem, k, value) for value in (free.price.scale, least, free.maximum))
+        (scale, unit), (least, _), (high, _) = each
         field = f"{free.pointer}/cost/scale_{unit}"
         problems[field] = Problem(
             field,
@@ -170,15 +154,10 @@ def _scaling(problem: PlacementProblem) -> Iterator[Problem]:
     now = present_choice(problem).half_width
     zero = [k for k, value in enumerate(now) if not value > 0]
     if zero or not len(now):
-        yield from (
-            Problem(
-                problem.half_widths[k].pointer,
-                "zero-half-width",
-                f"{in_words(problem, k)} has half-width 0 today: no factor changes that",
-                "give the half-width it is made to now, or do not free it",
-            )
-            for k in zero
-        )
+        for k in zero:
+            detail = f"{in_words(problem, k)} has half-width 0 today: no factor changes that"
+            hint = "give the half-width it is made to now, or do not free it"
+            yield Problem(problem.half_widths[k].pointer, "zero-half-width", detail, hint)
         return
     smallest, largest = problem.lower / now, problem.upper / now
     tight, loose = int(np.argmax(smallest)), int(np.argmin(largest))

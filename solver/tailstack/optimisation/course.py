@@ -129,9 +129,9 @@ def optimise_task(
         optimum = take_best_verified(task, searches, control)
         front: tuple[FrontPoint, ...] = ()
         if task.request.section.goal == "pareto":
-            front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
+            front = searcher.trace_front(task.counts.index(optimum.search.fiducials), optimum.search)
         moves = None
-        as_many = optimum.count == len(task.request.problem.system.fiducial_labels)
+        as_many = optimum.search.fiducials == len(task.request.problem.system.fiducial_labels)
         if as_many and not (task.request.graded or optimum.kept):
             found = optimum.optimum
             wanted = task.request.section.fewest_moves or task.request.section.stay is not None
@@ -263,10 +263,9 @@ def take_first_verified(task: OptimisationTask, searches: list[Search], control:
                     control.report("settle", 1, 1, exact.cost)
                 optimum = tighten(task.request, first, CheckSettings(task.seed), control, start=exact)
                 return replace(optimum, search=candidate, exact=exact)
-            except NotConvergedError as error:
+            except (NotConvergedError, InfeasibleError) as error:
                 refused = refused or error
-            except InfeasibleError as error:
-                refused = refused or error
-                break  # the other optima are no better
+                if isinstance(error, InfeasibleError):
+                    break  # the other optima are no better
     assert refused is not None  # a search has at least one point
     raise refused

@@ -13,14 +13,14 @@ The moments of a limited error and the smooth closed form of its quantile are wr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
 from scipy.special import ndtri
 
-from ..contributors import Columns, WorstCase, columns_of, declared_law, law_of, read_value, value_of, worst_case
+from ..contributors import WorstCase, columns_of, declared_law, law_of, read_value, value_of, worst_case
 from ..geometry.arrays import Array
 from ..laws import SUMS
 from ..losses import search_losses, without_fiducials
@@ -143,7 +143,9 @@ def exact_quantile(model: ErrorModel, demand: QuantileConstraint, *, fine: bool 
         quantile, found = of_law.quantile, read_value(requirement, of_law)
         error = quantile.error_mm / max(quantile.quantile_mm, 1e-300) if fine else QUICK_ERROR
         return ExactQuantile(_keep_positive(found, demand), quantile.density, error, worst, quantile)
-    laws = unit_laws(columns_of(model, requirement.error), demand, worst.mean_mm)
+    columns = columns_of(model, requirement.error)
+    once = columns.constant_in(demand.level)  # throughout a unit, or a mounting; the rest is drawn again
+    laws = law_of(worst.mean_mm, columns.only(once)), law_of(np.zeros_like(worst.mean_mm), columns.only(~once))
     how = (LOG2_UNITS,) if fine else (LOG2_QUICK_UNITS, QUICKLY_CORRECTED)
     read = read_units(*laws, requirement.quantile, demand.fraction, *how)
     own = read.quantile
@@ -170,12 +172,6 @@ def error_of_trial(exact: Evaluation, demand: QuantileConstraint) -> float:
     return sqrt(float(scaled @ (np.minimum.outer(levels, levels) - np.outer(levels, levels)) @ scaled))
 
 
-def unit_laws(columns: Columns, demand: QuantileConstraint, mean_mm: Array) -> tuple[LinearLaw, LinearLaw]:
-    """Of what stays what it is throughout a unit, or a mounting, and of what is drawn again."""
-    once = columns.constant_in(demand.level)
-    return law_of(mean_mm, columns.only(once)), law_of(np.zeros_like(mean_mm), columns.only(~once))
-
-
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:
     """The closed form, mm, at the choice of a constraint and with its ends."""
     shift = pivot_shift_of(problem, choice)
@@ -196,12 +192,9 @@ def correction_at(
 ) -> Correction:
     """The correction that makes value and gradient exact at a choice.  ``same_ends`` (B,) keeps the bounded sources
     where they are in the programme, when the worst vertex flips between iterates."""
-    signs = evaluation.signs if same_ends is None else same_ends
     at_ends = evaluation if same_ends is None else replace(evaluation, signs=same_ends)
     difference = 2 * log(evaluation.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
-    slopes = _exact_gradient(problem, terms, choice, evaluation) - _closed_gradient(
-        problem, terms, choice, evaluation, signs
-    )
+    slopes = _exact_gradient(problem, terms, choice, evaluation) - _closed_gradient(problem, terms, choice, at_ends)
     seen = evaluation.images.numbers, np.log(choice.half_width), pivot_shift_of(problem, choice)
     return Correction(difference - float(slopes @ np.concatenate(seen)), slopes)
 
@@ -266,11 +259,14 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
             key, scaled = (source.contributor, source.index), moved * source.std_per_half_width
             widths[source.free] += slopes.by_log_width(key, source.held, scaled)
 
-    common = _by_common_gains(terms, evaluation, slopes)
-    if by_column is not None:
-        for c, (source, column) in enumerate(zip(terms.common, columns, strict=True)):
-            if column is not None:
-                common[c] = source.half_width * by_column[:, column]
+    # By the gains of the common sources through the covariance: for uniform and triangular ones it is that of a normal
+    # law as wide; bounded ones have none (``QuantileConstraint.ends``).
+    common = np.zeros((len(terms.common), 3))
+    for c, (source, gain, column) in enumerate(zip(terms.common, evaluation.images.gains, columns, strict=True)):
+        size = source.std_per_half_width * source.half_width
+        common[c] = 2 * size**2 * slopes.by_covariance(source.held) @ gain
+        if by_column is not None and column is not None:
+            common[c] = source.half_width * by_column[:, column]
     images = ImageParts(slopes.by_covariance(False), slopes.by_covariance(True), slopes.by.by_mean, common)
     return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
 
@@ -287,17 +283,6 @@ def width_slopes(problem: PlacementProblem, terms: DemandTerms, choice: Choice, 
     return _exact_gradient(problem, terms, choice, evaluation)[first : first + len(choice.half_width)]
 
 
-def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, slopes: LawSlopes) -> Array:
-    """(C, 3) gradient of the quantile by the gains of the common sources, through the covariance: for uniform and
-    triangular ones it is that of a normal law as wide; bounded ones have none (``QuantileConstraint.ends``)."""
-    return np.array(
-        [
-            2 * (source.std_per_half_width * source.half_width) ** 2 * slopes.by_covariance(source.held) @ gain
-            for source, gain in zip(terms.common, evaluation.images.gains, strict=True)
-        ]
-    ).reshape(-1, 3)
-
-
 def _gradient(
     problem: PlacementProblem, terms: DemandTerms, choice: Choice, per: float, images: ImageParts, widths: Array
 ) -> Array:
@@ -306,24 +291,17 @@ def _gradient(
     twice = 2.0 - np.eye(3)  # an entry of the upper triangle stands for two
     by_images = per * images._replace(noise=images.noise * twice, made=images.made * twice).numbers
     by_pivots = []
-    for sides in _pivot_steps(choice):
+    for p in range(choice.pivots_mm.size):
+        step = np.zeros(choice.pivots_mm.shape)
+        step.flat[p] = PIVOT_STEP_MM
+        sides = (replace(choice, pivots_mm=choice.pivots_mm + way) for way in (-step, step))
         below, above = (evaluate_demand(problem, terms, side) for side in sides)
         through = float(by_images @ (above.images.numbers - below.images.numbers))
         by_pivots.append((2 * log(above.exact_mm / below.exact_mm) - through) / (2 * PIVOT_STEP_MM))
     return np.concatenate([by_images, per * widths, by_pivots])
 
 
-def _pivot_steps(choice: Choice) -> Iterator[tuple[Choice, Choice]]:
-    """Choices on either side along each coordinate of a pivot."""
-    for p in range(choice.pivots_mm.size):
-        step = np.zeros(choice.pivots_mm.shape)
-        step.flat[p] = PIVOT_STEP_MM
-        yield replace(choice, pivots_mm=choice.pivots_mm - step), replace(choice, pivots_mm=choice.pivots_mm + step)
-
-
-def _closed_gradient(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation, signs: Array
-) -> Array:
+def _closed_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of the closed form's log r^2, by central differences, all of them side by side."""
     images, widths, shift = evaluation.images, np.log(choice.half_width), pivot_shift_of(problem, choice)
     scale = float(np.trace(images.noise + images.made)) or float(evaluation.exact_mm**2)
@@ -334,7 +312,7 @@ def _closed_gradient(
     first, last = len(images.numbers), len(steps) - len(shift)
     sides[first:last] = np.exp(sides[first:last])
     numbers, half_width, moved = np.split(side_by_side(sides), [first, last])
-    law = error_moments(terms, ImageParts.of(numbers), half_width, moved, signs)
+    law = error_moments(terms, ImageParts.of(numbers), half_width, moved, evaluation.signs)
     above, below = np.split(np.log(squared_quantile(terms.demand, law)), 2)
     return np.asarray((above - below) / (2 * steps))
 
@@ -364,11 +342,8 @@ def leading_demands(
 ) -> set[int]:
     """Indices of the demands whose quantile over its limit is at least ``share`` of the largest at any of some
     choices: those that are likely to bind."""
-    leading: set[int] = set()
-    for choice in choices:
-        values = exact_ratios(problem, terms, choice)
-        leading |= {int(k) for k in np.flatnonzero(values >= share * values.max())}
-    return leading
+    each = (exact_ratios(problem, terms, choice) for choice in choices)
+    return {int(k) for values in each for k in np.flatnonzero(values >= share * values.max())}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -413,12 +388,7 @@ def error_moments(
             covariance[source.held] = covariance[source.held] + times(np.outer(gain, gain), variance)
         if source.law in SUMS:
             columns[source.held, source.law].append(times(gain, size))
-    return ErrorMoments(
-        mean,
-        covariance[True] + plain(fixed[True]),
-        covariance[False] + plain(fixed[False]),
-        columns,
-    )
+    return ErrorMoments(mean, covariance[True] + plain(fixed[True]), covariance[False] + plain(fixed[False]), columns)
 
 
 def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike:
@@ -435,11 +405,8 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
     cumulants = square_cumulants(law.mean, law.unit + law.shot, *every)
     if demand.requirement.row.by_quantile:
         return pearson_square(*cumulants, float(ndtri(p)))
-    each = (
-        weight * pearson_square(*cumulants, float(ndtri(max(level, LEAST_LEVEL)))) ** 0.5
-        for level, weight in demand.requirement.mixture
-    )
-    return sum(each) ** 2
+    each = ((weight, float(ndtri(max(level, LEAST_LEVEL)))) for level, weight in demand.requirement.mixture)
+    return sum(weight * pearson_square(*cumulants, normal) ** 0.5 for weight, normal in each) ** 2
 
 
 def closed_form_mm(

@@ -185,7 +185,7 @@ def relax_rules(program: Program, points: list[tuple[Point, Parameters]]) -> Rel
         QUIET | {"ipopt.max_iter": 500, "ipopt.tol": 1e-6},
     )
     lower, upper = program.bounds("main")
-    best: tuple[float, Array, Array, Parameters] | None = None
+    ends: list[tuple[float, Array, Parameters]] = []
     for point, parameters in points:
         result = solver(
             x0=np.concatenate([np.clip(point.x, lower, upper), np.ones(len(kinds))]),
@@ -195,13 +195,11 @@ def relax_rules(program: Program, points: list[tuple[Point, Parameters]]) -> Rel
             lbg=0.0,
             ubg=np.inf,
         )
-        x = result["x"].full().ravel()
-        if best is None or float(result["f"]) < best[0]:
-            best = (float(result["f"]), x[count:], x[:count], parameters)
-    assert best is not None  # there is always a start
-    values = program.constraints(best[2], best[3].vector(program, "main"))[1].full().ravel()
+        ends.append((float(result["f"]), result["x"].full().ravel(), parameters))
+    _, x, parameters = min(ends, key=lambda end: end[0])  # there is always a start
+    values = program.constraints(x[:count], parameters.vector(program, "main"))[1].full().ravel()
     lacking = [(float(max(rows[k].lower - values[k], values[k] - rows[k].upper)), rows[k]) for k in geometric]
-    return RelaxedRules(dict(zip(kinds, map(float, best[1]), strict=True)), lacking, best[2], best[3])
+    return RelaxedRules(dict(zip(kinds, map(float, x[count:]), strict=True)), lacking, x[:count], parameters)
 
 
 def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
@@ -235,15 +233,10 @@ def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tup
     terms = every_terms(problem)
     blind = blind_half_widths(problem, terms)
     acting = bool(problem.places) or not bool(blind.all())
-    findings = [
-        Finding(
-            "no-lever",
-            "note",
-            f"{in_words(problem, int(k))} does not matter for any limit{_put(problem, int(k), found)}",
-            problem.half_widths[int(k)].pointer,
-        )
-        for k in np.flatnonzero(blind)
-    ]
+    findings = []
+    for k in np.flatnonzero(blind).tolist():
+        message = f"{in_words(problem, k)} does not matter for any limit{_put(problem, k, found)}"
+        findings.append(Finding("no-lever", "note", message, problem.half_widths[k].pointer))
     affine = [part.by_pivot for term in terms for part in (term.gains, term.bias, term.reconstructed)]
     for p, pivot in enumerate(problem.pivots):
         idle = not any(slopes[3 * p : 3 * p + 3].any() for slopes in affine)

@@ -16,16 +16,8 @@ from .exact_law import evaluate_demand
 from .margin import trials_for
 from .present import merit_of
 from .problem import PlacementProblem, for_people
-from .program import Program
 from .request import OptimiseRequest, in_order
-from .search import (
-    Control,
-    Search,
-    evaluate_demands,
-    least_quantile,
-    start_at,
-    worst_ratio,
-)
+from .search import Control, Search, evaluate_demands, least_quantile, start_at, worst_ratio
 from .task import OptimisationTask
 from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
 
@@ -107,15 +99,15 @@ def front_factors(request: OptimiseRequest, search: Search) -> tuple[float, ...]
     low = front.min_limit_mm / limit if front is not None and front.min_limit_mm is not None else None
     high = front.max_limit_mm / limit if front is not None and front.max_limit_mm is not None else LOOSEST
     if low is None:
-        low = min(ABOVE_LEAST * _least_ratio(search.program, search), 0.99 * high)
+        low = min(ABOVE_LEAST * _least_ratio(search), 0.99 * high)
     return tuple(float(factor) for factor in np.geomspace(low, high, front.points if front is not None else 9))
 
 
-def _least_ratio(program: Program, search: Search) -> float:
+def _least_ratio(search: Search) -> float:
     """The smallest worst ratio attainable, from the best layouts found."""
-    starts = [start_at(program, program.split(item.point.x).fiducials_mm) for item in search.iterates]
-    ratios = []
-    for start in starts:
+    program, ratios = search.program, []
+    for item in search.iterates:
+        start = start_at(program, program.split(item.point.x).fiducials_mm)
         point = least_quantile(program, [start]).point
         ratios.append(worst_ratio(evaluate_demands(program, point)))
     return min(ratios)

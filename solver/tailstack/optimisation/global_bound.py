@@ -428,9 +428,8 @@ def information_about(problem: PlacementProblem, target: Array, with_made: bool)
     projections[:, :2] -= (images[:, :2] / images[:, 2:])[:, :, None] * projections[:, 2:]
     places = {i: place for place in problem.places for i in place.fiducials[:1]}
     copied = {i for place in problem.places for i in place.fiducials[1:]}
-    identity = np.eye(4)
     assume = rigid_transform(turn, shift)
-    copies = [identity, *(rigid_transform(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
+    copies = [np.eye(4), *(rigid_transform(copy.rotation, copy.shift_mm) for copy in problem.symmetry)]
     groups: dict[tuple[object, ...], AlikeBeads] = {}
     shapes: tuple[Shape, ...] = ()
     for i, position in enumerate(system.fiducials_mm):
@@ -529,10 +528,8 @@ def slopes_at(information: Information, kind: int, place: Array, sees: NDArray[n
     y = np.column_stack([points, np.ones(len(points))])
     square = ((y @ forms.depth.T) ** 2)[:, :, None]
     squares = (y[:, :, None] * y[:, None]).reshape(-1, 16)
-    along = squares @ forms.quadratic.reshape(-1, 16).T
-    return Slopes(
-        along.reshape(len(y), *forms.quadratic.shape[:2]) / square, np.einsum("na,rja->nrj", y, forms.moved) / square
-    )
+    along = (squares @ forms.quadratic.reshape(-1, 16).T).reshape(len(y), *forms.quadratic.shape[:2])
+    return Slopes(along / square, np.einsum("na,rja->nrj", y, forms.moved) / square)
 
 
 class Cells(NamedTuple):
@@ -853,12 +850,9 @@ def net_through(directions: Array, faces: NDArray[np.int64], known: Array, metri
 def spread_directions(frequency: int) -> tuple[Array, NDArray[np.int64]]:
     """Directions (n, 3) and triangles (F, 3) between them and their opposites, n + i that of i: an octahedron whose
     faces are divided by the frequency.  Half of the triangles are given; the others are their opposites."""
-    places: dict[tuple[int, ...], int] = {}
-    half: list[tuple[int, ...]] = []
-    for point in product(range(-frequency, frequency + 1), repeat=3):
-        if sum(map(abs, point)) == frequency and point > (0, 0, 0):
-            places[point] = len(half)
-            half.append(point)
+    every = product(range(-frequency, frequency + 1), repeat=3)
+    half = [point for point in every if sum(map(abs, point)) == frequency and point > (0, 0, 0)]
+    places = {point: k for k, point in enumerate(half)}
 
     def place(point: tuple[int, ...]) -> int:
         opposite = tuple(-x for x in point)

@@ -179,16 +179,8 @@ def choose_grades(
     ratio = worst_ratio(_half_widths(ladders, tightest))
     if not ratio <= 1:
         raise _refuse_infeasible(ratio)
-    search = _Descent(
-        ladders,
-        worst_ratio,
-        max_evaluations,
-        stop or (lambda: False),
-        tightest,
-        _cost(ladders, tightest),
-        1,
-        [tightest],
-    )
+    dearest, ends = _cost(ladders, tightest), stop or (lambda: False)
+    search = _Descent(ladders, worst_ratio, max_evaluations, ends, tightest, dearest, 1, [tightest])
     lower_bound = _cost(ladders, loosest)
     try:
         _explore(search, loosest if start is None else _round_down(ladders, start))
@@ -214,10 +206,8 @@ def _cost(ladders: Sequence[Sequence[PricedGrade]], levels: Levels) -> float:
 
 def _round_down(ladders: Sequence[Sequence[PricedGrade]], half_width: Array) -> Levels:
     """The loosest grades not above the half-widths; the tightest where there is none."""
-    return tuple(
-        max(0, sum(grade.half_width <= h * (1 + 1e-9) for grade in ladder) - 1)
-        for ladder, h in zip(ladders, half_width, strict=True)
-    )
+    each = zip(ladders, half_width, strict=True)
+    return tuple(max(0, sum(grade.half_width <= h * (1 + 1e-9) for grade in ladder) - 1) for ladder, h in each)
 
 
 def _below(levels: Levels, others: Iterable[Levels]) -> bool:
@@ -256,9 +246,8 @@ def _explore(search: _Descent, levels: Levels) -> bool:
     if _passes(search, levels):
         _loosen(search, levels)
         return True
-    by_saving = sorted(
-        range(len(levels)), key=lambda i: search.ladders[i][0].price - search.ladders[i][levels[i]].price
-    )
+    saved = [ladder[0].price - ladder[level].price for ladder, level in zip(search.ladders, levels, strict=True)]
+    by_saving = sorted(range(len(levels)), key=saved.__getitem__)
     _loosen(search, _tighten(search, levels, by_saving))
     for turn in range(0, len(levels), _STRIDE):
         _tighten(search, levels, by_saving[turn:] + by_saving[:turn])
@@ -313,17 +302,14 @@ def _master(search: _Descent, gap: float) -> tuple[Levels, float]:
     for row, failing in zip(tighter, search.infeasible, strict=True):
         for i, level in enumerate(failing):
             row[first[i] : first[i] + level] = 1
-    constraints = [
+    costs = scale * price
+    rows = [
         LinearConstraint(one_each, 1, 1),
         LinearConstraint(tighter, 1, np.inf),
-        LinearConstraint(scale * price, -np.inf, scale * search.cost * (1 + 1e-7)),
+        LinearConstraint(costs, -np.inf, scale * search.cost * (1 + 1e-7)),
     ]
     solution = milp(
-        scale * price,
-        integrality=np.ones(price.size),
-        bounds=Bounds(0, 1),
-        constraints=constraints,
-        options={"mip_rel_gap": gap},
+        costs, integrality=np.ones(price.size), bounds=Bounds(0, 1), constraints=rows, options={"mip_rel_gap": gap}
     )
     if solution.x is None or solution.status != 0:
         detail = f"the integer programme over grades stopped: {solution.message}"

@@ -6,7 +6,7 @@ that not even the least half-widths keep is no error: the answer says so, and wh
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,15 +28,7 @@ from .contradictions import refuse_contradictions
 from .exact_law import ExactQuantile, exact_quantile, law_slopes
 from .least_cost import AIM, MOST_STEPS, Widths, curves_of, find_cheapest, log_squares
 from .prices import cost_of
-from .problem import (
-    PlacementProblem,
-    QuantileConstraint,
-    apply_choice,
-    for_people,
-    in_words,
-    present_choice,
-    unit_of,
-)
+from .problem import PlacementProblem, QuantileConstraint, apply_choice, for_people, in_words, present_choice
 from .request import read_request, round_down
 from .terms import linearise_demand
 
@@ -131,10 +123,9 @@ def _read(
     if limit is not None and not 0 < limit < np.inf:
         raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
     name = known[0] if len(known) == 1 else name
-    wanted = tuple(
-        replace(item, limit=limit) if limit is not None and item.name == name else item
-        for item in request.problem.requirements
-    )
+    wanted = request.problem.requirements
+    if limit is not None:
+        wanted = tuple(replace(item, limit=limit) if item.name == name else item for item in wanted)
     fixed = replace(request.problem, places=(), pivots=(), half_widths=free, objective="cost", cost_limit=None)
     return replace(fixed, requirements=wanted, stay=None), name
 
@@ -197,11 +188,9 @@ class _Reading:
                 slopes[k] = worst.signs[key] * self.half_width[k] * (found.by.by_mean @ block.gain(error)[:, j])
             else:
                 slopes[k] = found.by_log_width(key, held, block.columns_mm(error)[:, j])
-        size = (
-            self.exact.value_mm
-            if demand.is_nested
-            else sum(weight * each.quantile_mm for each, weight in found.mixture)
-        )
+        size = self.exact.value_mm
+        if not demand.is_nested:
+            size = sum(weight * each.quantile_mm for each, weight in found.mixture)
         return slopes / (size or 1.0)
 
 
@@ -322,8 +311,7 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
 
 def _round(problem: PlacementProblem, half_width: Array) -> Array:
     """(K,) half-widths as the document has them, none looser."""
-    each = zip(half_width.tolist(), problem.half_widths, strict=True)
-    return np.array([round_down(value, free, unit_of(problem, k)) for k, (value, free) in enumerate(each)])
+    return np.array([round_down(problem, k, value) for k, value in enumerate(half_width.tolist())])
 
 
 def _report(
@@ -355,7 +343,7 @@ def _report(
         unit=demand.measure.unit,
         cost_before=cost_before if np.isfinite(cost_before) else None,
         cost_after=problem.cost(now),
-        tolerances=list_changes(problem, (levers, levers), (before, now), [None] * len(now)),
+        tolerances=tuple(list_changes(problem, (levers, levers), (before, now), [None] * len(now))),
         locked=tuple(sorted(locked)),
         moved_most=in_words(problem, int(moved.argmax())) if moved.max() > 0 else None,
         binding=tuple(f"{each.text}, limit {each.limit_text} ({each.requirement.name})" for each in binding),
@@ -377,27 +365,23 @@ def share_out(model: ErrorModel, mean_mm: Array, error: str) -> dict[str, float]
 
 def list_changes(
     problem: PlacementProblem, levers: Sequence[Array], widths: Sequence[Array], grades: Sequence[str | None]
-) -> tuple[ChangedTolerance, ...]:
+) -> Iterator[ChangedTolerance]:
     """What became of each free half-width; before and after: (K,) mm per native unit at the target, and half-widths."""
-    changes = []
     for k, (free, grade) in enumerate(zip(problem.half_widths, grades, strict=True)):
         before, after = (float(width[k]) for width in widths)
         (old, unit), (new, _) = for_people(problem, k, before), for_people(problem, k, after)
         cost_before = cost_of(free.price, before)
-        changes.append(
-            ChangedTolerance(
-                contributor=free.contributor,
-                component=", ".join((free.component, *free.also)),
-                label=in_words(problem, k),
-                unit=unit,
-                before_half_width=old,
-                after_half_width=new,
-                at_target_before_mm=float(levers[0][k] * before),
-                at_target_mm=float(levers[1][k] * after),
-                cost_before=cost_before if np.isfinite(cost_before) else None,
-                cost_after=cost_of(free.price, after),
-                grade=grade,
-                before_drawn=None if free.drawn is None else free.drawn.now,
-            )
+        yield ChangedTolerance(
+            contributor=free.contributor,
+            component=", ".join((free.component, *free.also)),
+            label=in_words(problem, k),
+            unit=unit,
+            before_half_width=old,
+            after_half_width=new,
+            at_target_before_mm=float(levers[0][k] * before),
+            at_target_mm=float(levers[1][k] * after),
+            cost_before=cost_before if np.isfinite(cost_before) else None,
+            cost_after=cost_of(free.price, after),
+            grade=grade,
+            before_drawn=None if free.drawn is None else free.drawn.now,
         )
-    return tuple(changes)

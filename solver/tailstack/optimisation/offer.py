@@ -89,8 +89,7 @@ def _choose(
         words = f"{added.add} is {'added' if worth > added.price else 'left out'}: with it the design costs "
         words += f"{with_view.cost_after:.5g}, without it {cost_without:.5g}, so it is "
         pays = f"a price of up to {at_most(worth, 5)}" if worth > 0 else "no price by what was found"
-        words += f"worth {pays}; it"
-        words += f" costs {added.price:.5g}"
+        words += f"worth {pays}; it costs {added.price:.5g}"
     if p95_mm is not None and p95_with_mm is not None:
         words += f". In the design as it stood it takes P95 from {p95_mm:.4g} to {p95_with_mm:.4g} mm"
     if stopped:

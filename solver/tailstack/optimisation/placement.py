@@ -62,7 +62,6 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
     if start is not None:
         search = replace(search, program=start.program, iterates=(start.iterate,))
     here = search.iterates[0]
-    reached = np.inf
     for rounds in range(MAX_ROUNDS):
         program = search.program
         own = _own_aims(search, aims)
@@ -154,9 +153,8 @@ def _solve_again(program: Program, point: Point, parameters: Parameters) -> Poin
         polished = solve(program, start.x, parameters)
     if polished.solved:
         return polished
-    bottom = least_quantile(
-        program, [replace(start_at(program, program.split(point.x).fiducials_mm), parameters=parameters)]
-    )
+    begun = start_at(program, program.split(point.x).fiducials_mm)
+    bottom = least_quantile(program, [replace(begun, parameters=parameters)])
     reached = worst_ratio(evaluate_demands(program, bottom.point))
     if bottom.point.objective > 0:
         raise explain_infeasible(program, bottom.point, parameters)

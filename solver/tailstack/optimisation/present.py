@@ -5,6 +5,7 @@ It is a candidate of every search: an answer is never worse than what was given,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import dist, inf
 
@@ -18,15 +19,7 @@ from ..results.digits import at_least, at_most
 from ..system import System
 from .exact_law import exact_ratios
 from .prices import drop_dominated
-from .problem import (
-    Choice,
-    PlacementProblem,
-    for_people,
-    in_words,
-    label_of,
-    present_choice,
-    width_bounds,
-)
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, width_bounds
 from .program import ConstraintRow, geometric_rows
 from .regions import clear_of
 from .request import OptimiseRequest
@@ -63,15 +56,11 @@ def present_design(problem: PlacementProblem) -> PresentDesign:
     ratios: tuple[float, ...] = ()
     spent = problem.cost_limit is not None and problem.cost(choice.half_width) > problem.cost_limit * (1 + 1e-9)
     if not (spent or any(broken_rules(problem, terms, choice.fiducials_mm))):
-        try:
+        with suppress(TailstackError):  # it has no answer, so it is none
             if not is_singular(problem.system, choice.fiducials_mm):
                 ratios = tuple(float(ratio) for ratio in exact_ratios(problem, terms, choice))
-        except TailstackError:  # it has no answer, so it is none
-            pass
-    moved = any(
-        not np.array_equal(getattr(choice, part), getattr(here, part))
-        for part in ("fiducials_mm", "half_width", "pivots_mm")
-    )
+    parts = ("fiducials_mm", "half_width", "pivots_mm")
+    moved = any(not np.array_equal(getattr(choice, part), getattr(here, part)) for part in parts)
     return PresentDesign(problem, choice, outside, moved, ratios)
 
 
@@ -122,7 +111,6 @@ def bring_inside(problem: PlacementProblem, choice: Choice) -> Choice:
 
 def _pay_for(problem: PlacementProblem, half_width: Array) -> Array:
     """(K,) half-widths within their bounds, made looser by one factor where they cost more than is allowed."""
-
     least, limit = np.maximum(half_width, problem.lower), inf if problem.cost_limit is None else problem.cost_limit
 
     def loosen(log_factor: float) -> Array:
@@ -187,7 +175,7 @@ def _say_broken(problem: PlacementProblem, row: ConstraintRow, value: float) -> 
     return f"{row.text}: {at_least(-100 * value, 2)} % of the image outside (margin {problem.image_margin_px:g} px)"
 
 
-def say_outside(outside: tuple[str, ...]) -> str:
+def say_outside(outside: Sequence[str]) -> str:
     """Where a design lies outside, in one sentence without its full stop."""
     more = len(outside) - MOST_TOLD
     told = "; ".join(outside[:MOST_TOLD]) + (f"; and {more} more" if more > 0 else "")

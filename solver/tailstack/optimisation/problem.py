@@ -240,7 +240,6 @@ class PlacementProblem:
 
     @cached_property
     def estimation(self) -> EstimationTerms:
-        """What the layout enters through."""
         return estimator_of(self.system)
 
     @property
@@ -439,12 +438,9 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
         widths = mount.sources.half_width.copy()
         widths[[mount.sources.names.index(name) for name in free.names]] = free.half_widths_at(float(value))
         mounts[free.contributor] = replace(mount, sources=replace(mount.sources, half_width=frozen(widths)))
-    first, second = (mounts[mount.name] for mount in problem.system.interfaces)
+    first, second = mounts.values()
     system = replace(
-        problem.system,
-        fiducials_mm=frozen(choice.fiducials_mm),
-        structure_connector=first,
-        connector_flange=second,
+        problem.system, fiducials_mm=frozen(choice.fiducials_mm), structure_connector=first, connector_flange=second
     )
     pivots = {free.contributor: at for free, at in zip(problem.pivots, frozen(choice.pivots_mm), strict=True)}
     return with_pivots(system, pivots)

@@ -108,9 +108,8 @@ class Parameters:
     signs: Array  # (T, B) ends of the bounded sources
     corrections: tuple[Correction, ...]  # T
     pieces: Array  # (Z,) which piece of the outside each (keep-out zone, fiducial) uses
-    off_surface: Array = field(
-        default_factory=partial(np.zeros, 0)
-    )  # (S,) what the spline over a surface lacks at each fiducial that is kept near one
+    # (S,) what the spline over a surface lacks at each fiducial that is kept near one
+    off_surface: Array = field(default_factory=partial(np.zeros, 0))
 
     def vector(self, program: Program, question: Question) -> Array:
         corrected = [np.append(part.offset, part.slopes) for part in self.corrections]
@@ -145,13 +144,8 @@ class Program:
     @property
     def widths_at(self) -> slice:
         """Where the logarithms of half-widths (or of their factor) stand among the variables."""
-        start = 3 * len(self.movable)
-        return slice(start, start + self.width_variables)
-
-    @property
-    def width_variables(self) -> int:
-        count = len(self.problem.half_widths)
-        return min(count, 1) if self.problem.objective == "scaling" else count
+        start, count = 3 * len(self.movable), len(self.problem.half_widths)
+        return slice(start, start + (min(count, 1) if self.problem.objective == "scaling" else count))
 
     @property
     def pivots_at(self) -> slice:
@@ -417,15 +411,10 @@ def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array,
     pivots = plain(centre[count:].ravel())
     for p in range(symbols.w.numel()):
         pivots[p] = pivots[p] + float(half[count:].flat[p]) * symbols.w[p]
-    logs = log_half_widths(problem, present.half_width, symbols.u)
+    logs = elements(symbols.u)
+    if problem.objective == "scaling":
+        logs = np.array([float(np.log(value)) + symbols.u[0] for value in present.half_width], dtype=object)
     return _SymbolicDesign(points, logs, pivots - plain(present.pivots_mm.ravel()))
-
-
-def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> ArrayLike:
-    """(K,) logarithms of all free half-widths from the variables that stand for them; present (K,) native units."""
-    if problem.objective != "scaling":
-        return elements(u)
-    return np.array([float(np.log(value)) + u[0] for value in present], dtype=object)
 
 
 def log_cost(problem: PlacementProblem, logs: ArrayLike) -> Any:
@@ -437,11 +426,8 @@ def log_cost(problem: PlacementProblem, logs: ArrayLike) -> Any:
 
 
 def _quantile_rows(
-    problem: PlacementProblem,
-    terms: tuple[DemandTerms, ...],
-    symbols: _Symbols,
-    design: _SymbolicDesign,
-) -> Iterator[tuple[ConstraintRow, Any]]:
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], symbols: _Symbols, design: _SymbolicDesign
+) -> Rows:
     """``log r^2 + correction - 2 log limit - s <= 0`` of every quantile in the programme."""
     half_width = np.array([ca.exp(value) for value in design.logs], dtype=object)
     shift = design.pivot_shift
@@ -454,10 +440,8 @@ def _quantile_rows(
         seen = [1.0, *images.numbers, *design.logs, *shift]
         correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
         form = ca.log(squared_quantile(term.demand, law))
-        yield (
-            ConstraintRow("quantile", term.demand.text, -np.inf, 0.0),
-            form + correction - 2 * symbols.limits[t] - symbols.s,
-        )
+        row = ConstraintRow("quantile", term.demand.text, -np.inf, 0.0)
+        yield row, form + correction - 2 * symbols.limits[t] - symbols.s
 
 
 def rename_fiducials(
@@ -474,22 +458,17 @@ def rename_fiducials(
     return replace(program, problem=problem, terms=terms, rows=rows)
 
 
-def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[ConstraintRow, Any]]:
+def _cost_row(problem: PlacementProblem, cost: Any) -> Rows:
     if problem.cost_limit is not None:
         yield ConstraintRow("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
 
 
-def _keep_out_rows(
-    problem: PlacementProblem, points: ArrayLike, choosers: list[Any]
-) -> Iterator[tuple[ConstraintRow, Any]]:
+def _keep_out_rows(problem: PlacementProblem, points: ArrayLike, choosers: list[Any]) -> Rows:
     """Every free fiducial in the piece of the outside of each zone that its parameter chooses."""
     for chosen, (zone, i) in zip(choosers, product(problem.keep_out, problem.free_fiducials), strict=True):
         text = f"{problem.system.fiducial_labels[i]} outside keep-out zone {zone.name!r}"
-        pieces = outside_pieces(zone, points[i])
-        yield (
-            ConstraintRow("keep_out", text, 0.0, np.inf, (i,)),
-            sum(chosen[j] * value for j, (_, value) in enumerate(pieces)),
-        )
+        outside = sum(chosen[j] * value for j, (_, value) in enumerate(outside_pieces(zone, points[i])))
+        yield ConstraintRow("keep_out", text, 0.0, np.inf, (i,)), outside
 
 
 def _duck(value: Any) -> Any:
@@ -557,8 +536,7 @@ def kkt_residual(program: Program, point: Point, parameters: Parameters) -> floa
     moving = upper > lower
     stationarity = (gradient + jacobian.full().T @ rows + bounds)[moving]
     scale = max(1.0, float(np.abs(rows).max(initial=0.0)), float(np.abs(bounds[moving]).max(initial=0.0)))
-    row_lower = np.array([row.lower for row in program.rows])
-    row_upper = np.array([row.upper for row in program.rows])
+    row_lower, row_upper = np.array([(row.lower, row.upper) for row in program.rows]).T
     pieces = [
         np.abs(stationarity) / scale,
         _complementarity(rows, values, row_lower, row_upper) / scale,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from math import hypot, pi
 from typing import Any
 
@@ -94,9 +95,7 @@ def distinct(shapes: Iterable[Shape]) -> tuple[tuple[Shape, ...], tuple[int, ...
 
 def corners(low_high_mm: Array) -> Array:
     """(8, 3) corners of a (2, 3) box."""
-    return np.array(
-        [[low_high_mm[i, 0], low_high_mm[j, 1], low_high_mm[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    )
+    return np.array(list(product(*low_high_mm.T)))
 
 
 def bounding_box(shape: Shape) -> Array:

@@ -60,17 +60,16 @@ def report(
     after = read_request(verified.design).problem
     before_system, after_system = request.problem.system, after.system
     before, now = present_choice(request.problem), present_choice(after)
-    priced = bool(problem.half_widths)
     search = verified.search
-    cost_before = request.problem.cost(before.half_width) if priced else 0.0
     count_price = request.section.count.cost_per_fiducial if request.section.count is not None else 0.0
-    cost_before += count_price * len(before_system.fiducial_labels)
+    cost_before = request.problem.cost(before.half_width) + count_price * len(before_system.fiducial_labels)
     fiducials_cost = count_price * len(after_system.fiducial_labels)
     cost_of_moves = price_as_written(request, verified.design)
-    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost + cost_of_moves
+    cost_after = problem.cost(now.half_width) + fiducials_cost + cost_of_moves
     minimised = problem.objective != "quantile"
     p95_before_mm, p95_after_mm = find_p95_mm(request.design), max(p95_of(compile_design(verified.design), after.in_mm))
-    certified = optimum.solution or verified.exact
+    made_least: tuple[float | None, float] = (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
+    certified, written = solution or verified.exact, replace(optimum.choice, half_width=now.half_width)
     return Optimisation(
         schema="tailstack/optimisation/1",
         status="verified",
@@ -81,16 +80,11 @@ def report(
         cost_exact_law=None if verified.exact is None else verified.exact.cost + fiducials_cost,
         p95_before_mm=p95_before_mm,
         p95_after_mm=p95_after_mm,
-        moved=_list_moves(request.problem.system, after_system, problem),
+        moved=_list_moves(before_system, after_system, problem),
         tolerances=_tolerances(verified, before, now),
         pivots=tuple(
-            MovedPivot(
-                free.contributor,
-                label_of(problem, free.contributor),
-                vector3(before.pivots_mm[k]),
-                vector3(now.pivots_mm[k]),
-            )
-            for k, free in enumerate(problem.pivots)
+            MovedPivot(free.contributor, label_of(problem, free.contributor), vector3(was), vector3(at))
+            for free, was, at in zip(problem.pivots, before.pivots_mm, now.pivots_mm, strict=True)
         ),
         scaling=float(np.min(now.half_width / before.half_width)) if problem.objective == "scaling" else None,
         certificate=Certificate(
@@ -105,9 +99,7 @@ def report(
             stopped=search.stopped,
             gap=task.gap,
             verification=verified.verification,
-            global_bound=certify_layout(
-                problem, search.terms, replace(optimum.choice, half_width=now.half_width), looks
-            ),
+            global_bound=certify_layout(problem, search.terms, written, looks),
             cheapest=_bound_cost(task, verified, now.half_width, (cost_after, fiducials_cost), looks),
         ),
         shadow_prices=_shadow_prices(verified),
@@ -121,7 +113,8 @@ def report(
             *(remark for remark in task.remarks if remark.rule != "no-lever"),
         ),
         counts=tuple(
-            replace(item, note=f"{item.note}; chosen") if item.fiducials == verified.count else item for item in counts
+            replace(item, note=f"{item.note}; chosen") if item.fiducials == search.fiducials else item
+            for item in counts
         ),
         front=front,
         design_before=design_to_data(request.design),
@@ -129,15 +122,13 @@ def report(
         survived=verified.survived,
         not_asked=tuple(
             item.name
-            for item in request.problem.system.requirements
+            for item in before_system.requirements
             if item.name not in {asked.name for asked in problem.requirements}
         ),
         provenance=verified.verification.provenance,
         moves=moves,
         cost_of_moves=cost_of_moves,
-        as_it_stood=_say_as_it_stood(
-            task, verified, (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
-        ),
+        as_it_stood=_say_as_it_stood(task, verified, made_least),
     )
 
 
@@ -175,14 +166,10 @@ def _say_as_it_stood(task: OptimisationTask, verified: VerifiedOptimum, made_lea
         what, unit = ("cost", "") if priced else ("P95", " mm")
         change = f"{what} goes from {before:.4g} to {after:.4g}{unit} ({percent_change(before, after)})"
     if verified.kept:
-        kept = "nothing better was found"
-        return (
-            f"{say_outside(tuple(outside))}; brought inside, {kept}."
-            if outside
-            else f"The design as it stands is kept: {kept}."
-        )
+        kept = f"{say_outside(outside)}; brought inside," if outside else "The design as it stands is kept:"
+        return f"{kept} nothing better was found."
     if outside:
-        return f"{say_outside(tuple(outside))}. Within it, {change}."
+        return f"{say_outside(outside)}. Within it, {change}."
     if before is None or not after > before * (1 + 1e-9):
         return ""
     reason = "its check by simulation does not pass"
@@ -251,9 +238,8 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
 def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
     """At the limits themselves where there is an optimum there: what a check's margin below them costs is not smooth
     in them, and for a per-unit quantile the margin is some per cent."""
-    optimum = verified.optimum
-    if verified.exact is not None and (not verified.kept or verified.exact.cost <= optimum.cost * (1 + NEAR)):
-        exact = verified.exact
+    optimum, exact = verified.optimum, verified.exact
+    if exact is not None and (not verified.kept or exact.cost <= optimum.cost * (1 + NEAR)):
         return price_bounds(exact.program, exact.iterate.point, exact.cost)
     if optimum.solution is None:
         return ()
@@ -272,15 +258,11 @@ def _largest(verified: VerifiedOptimum) -> float:
 
 def _list_moves(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
     """Free fiducials in the order of the new design, then those left out."""
-    old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
     free = {problem.system.fiducial_labels[i] for i in problem.free_fiducials}
-    new = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
-    entries = [
-        MovedFiducial(label, vector3(old[label]) if label in old else None, vector3(new[label]))
-        for label in new
-        if label in free
-    ]
-    return (*entries, *(MovedFiducial(label, vector3(old[label]), None) for label in old if label not in new))
+    old = {label: vector3(at) for label, at in zip(before.fiducial_labels, before.fiducials_mm, strict=True)}
+    new = {label: vector3(at) for label, at in zip(after.fiducial_labels, after.fiducials_mm, strict=True)}
+    entries = [MovedFiducial(label, old.get(label), new[label]) for label in new if label in free]
+    return (*entries, *(MovedFiducial(label, old[label], None) for label in old if label not in new))
 
 
 def _tolerances(verified: VerifiedOptimum, before: Choice, now: Choice) -> tuple[ChangedTolerance, ...]:
@@ -291,7 +273,7 @@ def _tolerances(verified: VerifiedOptimum, before: Choice, now: Choice) -> tuple
     worst = max(sized, key=lambda each: each[0])[1] if sized else terms_of(problem, problem.in_mm[0])
     levers = [_lever(worst, problem, choice) for choice in (before, optimum.choice)]
     grades = [None] * len(problem.half_widths) if optimum.purchase is None else optimum.purchase.names
-    return list_changes(problem, levers, (before.half_width, now.half_width), grades)
+    return tuple(list_changes(problem, levers, (before.half_width, now.half_width), grades))
 
 
 def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Array:

@@ -79,7 +79,6 @@ def read_request(design: Design) -> OptimiseRequest:
         raise DesignError(Problem("", "missing-field", detail, hint))
     # The search has all fiducials in every shot; what missing them adds is measured by the check of what it finds.
     system, half_widths = _half_widths(design, section, replace(compile_design(design), loss_probability=()))
-    kind = "cost" if section.goal == "pareto" else section.goal
     requirements = _requirements(system, section.requirement)
     if section.goal == "pareto" and not any(MEASURE[item.error] in POINTS for item in requirements):
         hint = "name a requirement in mm beside it in optimise.requirement, or objective: cost"
@@ -93,7 +92,7 @@ def read_request(design: Design) -> OptimiseRequest:
             PivotVariable(free.interface, np.array(free.box.min_mm), np.array(free.box.max_mm), f"/optimise/pivots/{k}")
             for k, free in enumerate(section.pivots)
         ),
-        objective=kind,
+        objective="cost" if section.goal == "pareto" else section.goal,
         cost_limit=section.cost_limit,
         symmetry=_symmetry(section.symmetry),
         keep_out=tuple(
@@ -104,9 +103,8 @@ def read_request(design: Design) -> OptimiseRequest:
         min_projected_spacing_px=section.min_projected_spacing_px,
         image_margin_px=section.image_margin_px,
         target_clearance_px=section.target_clearance_px,
+        stay=None if section.stay is None else _stay(section.stay, system, system.fiducial_labels),
     )
-    if section.stay is not None:
-        problem = replace(problem, stay=_stay(section.stay, system, system.fiducial_labels))
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
     return OptimiseRequest(design, section, problem, any(free.price.curve == "grades" for free in half_widths))
@@ -224,12 +222,8 @@ def _read_drawn(
 ) -> FreeHalfWidth:
     feature, _ = find_drawn(features)[free.component]
     values = read_values(features, free)
-    price = of_grades(
-        tuple(
-            PricedGrade(grade.label, size, price_of(feature, grade, prices) or 0.0)
-            for grade, size in zip(free.grades or (), values.sizes[1:], strict=True)
-        )
-    )
+    each = zip(free.grades or (), values.sizes[1:], strict=True)
+    price = of_grades(tuple(PricedGrade(own.label, size, price_of(feature, own, prices) or 0.0) for own, size in each))
     bounds, pointer = (min(values.sizes[1:]), max(values.sizes[1:])), f"/optimise/tolerances/{index}"
     return FreeHalfWidth(free.interface, free.component, *bounds, price, pointer, values, tuple(free.also))
 
@@ -279,20 +273,16 @@ def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
     labels = [system.fiducial_labels[i] for i in remaining]
     positions, made = system.fiducials_mm[remaining], system.manufacturing_half_width_mm[remaining]
     if count > present:
-        middle = bounding_box(problem.places[0].region).mean(axis=0)
-        new = count - present
+        low, high = bounding_box(problem.places[0].region)
+        new, middle = count - present, (low + high) / 2
         unused = (f"F{number}" for number in range(1, 10**6) if f"F{number}" not in labels)
         labels += [next(unused) for _ in range(new)]
         # Where they stand does not matter: only the first start looks, and spreads what lies together.
         rng = np.random.default_rng(0)
-        low, high = bounding_box(problem.places[0].region)
         positions = np.vstack([positions, middle + 0.9 * (rng.uniform(low, high, (new, 3)) - middle)])
         made = np.vstack([made, np.repeat(made[:1], new, axis=0)])
     system = replace(
-        system,
-        fiducial_labels=tuple(labels),
-        fiducials_mm=frozen(positions),
-        manufacturing_half_width_mm=frozen(made),
+        system, fiducial_labels=tuple(labels), fiducials_mm=frozen(positions), manufacturing_half_width_mm=frozen(made)
     )
     stay = None if section.stay is None else _stay(section.stay, problem.system, labels)
     return replace(problem, system=system, places=_places(system, section), stay=stay)
@@ -353,8 +343,7 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
     drawn: dict[tuple[str, str], str | float] = {}
     for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True)):
         if free.drawn is None:
-            width = round_down(float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None)
-            widths[free.contributor, free.component] = width
+            widths[free.contributor, free.component] = round_down(problem, k, float(value))
         elif (bought := grade_for(free.price, float(value))) is not None:
             chosen = value_named(request.section, free, bought.name)
             drawn |= {(free.contributor, name): chosen for name in (free.component, *free.also)}
@@ -404,18 +393,18 @@ def smallest_gap(points: Array, free: list[int]) -> float:
     return min(gaps, default=np.inf)
 
 
-def round_down(half_width: float, free: FreeHalfWidth, unit: str, *, spends: bool = False) -> float:
-    """A half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that.
+def round_down(problem: PlacementProblem, index: int, half_width: float) -> float:
+    """A free half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that.
 
-    ``spends``: the cost is limited, and the grid as fine as the room that the search leaves for it (``ROUNDED``).
+    Where the cost is limited the grid is as fine as the room that the search leaves for it (``ROUNDED``).
     """
-    fixed = [free.minimum, free.maximum, *(grade.half_width for grade in free.price.grades)]
-    for bound in fixed:
+    free = problem.half_widths[index]
+    for bound in (free.minimum, free.maximum, *(grade.half_width for grade in free.price.grades)):
         if abs(half_width - bound) <= AT_BOUND * bound:
             return bound
-    shown, back = (degrees, radians) if unit == "rad" else (float, float)
+    shown, back = (degrees, radians) if unit_of(problem, index) == "rad" else (float, float)
     decimals = WIDTH_DECIMALS
-    if spends:
+    if problem.cost_limit is not None:
         steepness = -slope_of(free.price, half_width) / cost_of(free.price, half_width) / shown(1.0)
         decimals = max(decimals, ceil(log10(2 * steepness / ROUNDED)))
     return max(free.minimum, back(floor(shown(half_width) * 10**decimals) / 10**decimals))

@@ -23,27 +23,12 @@ from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
 from ..results import LocalOptimum
-from .exact_law import (
-    Correction,
-    Evaluation,
-    correction_at,
-    evaluate_demand,
-    leading_demands,
-    no_correction,
-)
+from .exact_law import Correction, Evaluation, correction_at, evaluate_demand, leading_demands, no_correction
 from .explain import explain_infeasible, refuse_geometry, relax_rules
 from .global_bound import weigh_candidates
 from .matching import take_nearest
 from .present import bring_inside
-from .problem import (
-    SMOOTH_MM,
-    Choice,
-    Homes,
-    PlacementProblem,
-    least_half_widths,
-    present_choice,
-    width_bounds,
-)
+from .problem import SMOOTH_MM, Homes, PlacementProblem, least_half_widths, present_choice, width_bounds
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
 from .starts import clip_to_regions, starting_layouts
@@ -84,12 +69,11 @@ class Control:
 
     def for_part(self, position: int, searches: int) -> Control:
         """For one of several searches: its progress as part of theirs."""
-        return replace(
-            self,
-            progress=lambda stage, done, total, least: self.report(
-                stage, position * total + done, searches * total, least
-            ),
-        )
+
+        def report(stage: str, done: int, total: int, least: float | None) -> None:
+            self.report(stage, position * total + done, searches * total, least)
+
+        return replace(self, progress=report)
 
 
 ALONE = Control()  # nobody is told, and nobody ends it
@@ -172,15 +156,14 @@ def prepare_search(
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
         here = present_choice(problem)
-        solid = [layout for layout in first if not is_singular(problem.system, layout)]
-        choices = [replace(here, fiducials_mm=layout) for layout in solid]
+        choices = [replace(here, fiducials_mm=layout) for layout in first if not is_singular(problem.system, layout)]
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
     total = starts if problem.places else 1
     lanes = min(usable_cores() if control.threads is None else control.threads, total)
     program = build_program(problem, active, lanes)
     control.report("programme", 1, 1, None)
-    prepared = replace(_prepare(Starts(program, chain(first, layouts), total), terms), enough=enough)
+    prepared = PreparedSearch(program, terms, *_lead(Starts(program, chain(first, layouts), total)), enough=enough)
     if is_singular(problem.system, first[0]):
         return prepared
     return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))
@@ -217,14 +200,9 @@ def hold_unmoved(search: Search) -> Search:
     return replace(search, program=program, iterates=(Iterate(point, item.parameters), *search.iterates[1:]))
 
 
-def _prepare(starts: Starts, terms: tuple[DemandTerms, ...]) -> PreparedSearch:
-    led, ends = _lead(starts)
-    return PreparedSearch(starts.program, terms, led, ends)
-
-
 def explore(program: Program, terms: tuple[DemandTerms, ...], layouts: list[Array]) -> Search:
     """Solve from given layouts."""
-    return _solve_prepared(_prepare(Starts(program, layouts, len(layouts)), terms), ALONE)
+    return _solve_prepared(PreparedSearch(program, terms, *_lead(Starts(program, layouts, len(layouts)))), ALONE)
 
 
 def _solve_prepared(prepared: PreparedSearch, control: Control) -> Search:
@@ -323,7 +301,8 @@ def _lead(starts: Starts) -> tuple[Starts, dict[int, Iterate]]:
         if worst_ratio(exact) > 1:
             raise explain_infeasible(program, least.point)
         # The closed form refuses what the exact law accepts: search on with the one corrected to the other.
-        corrected = corrections_at(program, program.split(least.point.x), exact)
+        choice, each = program.split(least.point.x), zip(program.terms, exact, strict=True)
+        corrected = tuple(correction_at(program.problem, term, choice, item, None) for term, item in each)
         starts = starts.correct(corrected)
         least = replace(least, parameters=replace(least.parameters, corrections=corrected))
     end = Iterate(solve(program, least.point.x, least.parameters), least.parameters)
@@ -408,14 +387,13 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
 
 def local_optima(program: Program, ends: dict[int, Iterate]) -> tuple[LocalOptimum, ...]:
     """The distinct optima among the ends of the starts, ascending; objectives this close count as one."""
-    solved = [(k, item.point) for k, item in ends.items()]
     optima: list[tuple[float, list[int], Array]] = []
-    for k, point in sorted(solved, key=lambda item: item[1].objective):
-        value = objective_for_people(program, point.objective)
+    for k, end in sorted(ends.items(), key=lambda item: item[1].point.objective):
+        value = objective_for_people(program, end.point.objective)
         if optima and value <= optima[-1][0] * (1 + SAME):
             optima[-1][1].append(k)
         else:
-            optima.append((value, [k], program.split(point.x).fiducials_mm))
+            optima.append((value, [k], program.split(end.point.x).fiducials_mm))
     reference = optima[0][2]
     return tuple(
         LocalOptimum(value, len(which), min(which), rms_distance_mm(layout, reference))
@@ -459,14 +437,6 @@ def none_converged(starts: int) -> NotConvergedError:
     return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
 
 
-def corrections_at(program: Program, choice: Choice, evaluations: list[Evaluation]) -> tuple[Correction, ...]:
-    """The closed forms of the programme corrected to the exact law at a choice."""
-    return tuple(
-        correction_at(program.problem, term, choice, item, None)
-        for term, item in zip(program.terms, evaluations, strict=True)
-    )
-
-
 def evaluate_demands(program: Program, point: Point) -> list[Evaluation]:
     """Exact quantiles of the programme's demands at a point."""
     choice = program.split(point.x)
@@ -482,18 +452,12 @@ def with_demands(search: Search, point: Point, ratios: Array, least: float) -> S
     """The search again with every demand whose ratio to its aim is above ``least`` at a point, from the layouts it
     ended at."""
     inside = {term.demand.key for term in search.program.terms}
-    active = tuple(
-        term
-        for term, ratio in zip(search.terms, ratios, strict=True)
-        if ratio > least * LEADING or term.demand.key in inside
-    )
+    each = zip(search.terms, ratios, strict=True)
+    active = tuple(term for term, ratio in each if ratio > least * LEADING or term.demand.key in inside)
     program = build_program(search.program.problem, active, len(search.program.explore))
     program = replace(program, held=search.program.held)
     layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.iterates[1:]))]
-    again = explore(program, search.terms, layouts)
-    return replace(
-        again, starts=search.starts, converged=search.converged, optima=search.optima, stopped=search.stopped
-    )
+    return replace(search, program=program, iterates=explore(program, search.terms, layouts).iterates)
 
 
 BELOW = 0.98  # of the limit: from inside, an interior-point solve takes a tenth of the iterations
@@ -593,7 +557,11 @@ def _half_widths(program: Program, log_worst: Callable[[Array], float]) -> Array
         ends = np.exp(np.concatenate(width_bounds(problem, program.present_width)))
         low, high = shape * ends[0], shape * ends[1]
     else:
-        shape = _shape(problem, program)
+        lever = np.max([np.linalg.norm(term.free_gain, axis=0) for term in program.terms], axis=0)
+        exponent = np.array([free.price.exponent for free in problem.half_widths])
+        weight = np.array([free.price.weight for free in problem.half_widths])
+        pull = exponent * weight / np.maximum(lever, 1e-12) ** 2
+        shape = np.where(lever > 0, pull ** (1 / (exponent + 2)), np.inf)
 
     def excess(log_scale: float) -> float:
         half_width = np.clip(np.exp(log_scale) * shape, low, high)
@@ -616,11 +584,3 @@ def largest_within(excess: Callable[[float], float], low: float, high: float, to
     if finite_or_above(low) > 0:
         return low
     return max(low, float(brentq(finite_or_above, low, high, xtol=tolerance)) - 2 * tolerance)
-
-
-def _shape(problem: PlacementProblem, program: Program) -> Array:
-    lever = np.max([np.linalg.norm(term.free_gain, axis=0) for term in program.terms], axis=0)
-    exponent = np.array([free.price.exponent for free in problem.half_widths])
-    weight = np.array([free.price.weight for free in problem.half_widths])
-    pull = exponent * weight / np.maximum(lever, 1e-12) ** 2
-    return np.where(lever > 0, pull ** (1 / (exponent + 2)), np.inf)

@@ -60,11 +60,8 @@ def price_bounds(
     if program.problem.objective == "quantile":
         of, per = "the error", objective / 2
     every = chain(_limits(program, point, per), _widths(program, point, per), list_rules(program, point, per))
-    return tuple(
-        ShadowPrice(each.name, each.unit, each.per_unit, each.say_step(whole, of))
-        for each in every
-        if 100 * abs(each.per_unit) * each.step > PRICED * whole
-    )
+    told = (each for each in every if 100 * abs(each.per_unit) * each.step > PRICED * whole)
+    return tuple(ShadowPrice(each.name, each.unit, each.per_unit, each.say_step(whole, of)) for each in told)
 
 
 def _limits(program: Program, point: Point, per: float) -> Iterator[Pressure]:
@@ -75,9 +72,8 @@ def _limits(program: Program, point: Point, per: float) -> Iterator[Pressure]:
         name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
         phrase = f"the {name} ({limit:g} {unit})" if " of " in name else f"the limit of {limit:g} {unit}"
         pressed = float(rows[: len(own)][own].sum())
-        yield Pressure(
-            name, unit, -2 * pressed * per / limit, f"{{step}} {unit} more on {phrase}", limit, _step_of(limit)
-        )
+        more = f"{{step}} {unit} more on {phrase}"
+        yield Pressure(name, unit, -2 * pressed * per / limit, more, limit, _step_of(limit))
     if (most := problem.cost_limit) is not None:
         per_unit = -_sum_rows(program, point, "cost") * per / most
         yield Pressure("cost_limit", "cost", per_unit, "{step} more on the cost limit", most, _step_of(most))

@@ -18,16 +18,7 @@ from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from .exchanging import Candidates, ExchangeModel, Spacing, apart_from_copies, exchange, keeps_distance
 from .problem import PlacementProblem
-from .regions import (
-    Shape,
-    clear_of,
-    clip,
-    contains,
-    diameter_mm,
-    distinct,
-    move,
-    sample,
-)
+from .regions import Shape, clear_of, clip, contains, diameter_mm, distinct, move, sample
 from .terms import DemandTerms, free_laws
 
 CANDIDATES = 60
@@ -77,10 +68,7 @@ def keep_rules(
 
 
 def _candidates(
-    problem: PlacementProblem,
-    terms: tuple[DemandTerms, ...],
-    region: Shape,
-    rng: np.random.Generator,
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], region: Shape, rng: np.random.Generator
 ) -> Array:
     """(C, G, 3) assumed: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
     batches: list[Array] = []
@@ -145,8 +133,7 @@ def starting_layouts(
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
         pools = [_candidates(problem, terms, region, rng) for region in regions]
-        ends = np.cumsum([len(pool) for pool in pools])
-        last = ends[list(which)]
+        last = np.cumsum([len(pool) for pool in pools])[list(which)]
         first = last - np.array([len(pools[r]) for r in which])
         points, own = problem.estimation.assume(problem.system.fiducials_mm), [pools[r] for r in which]
         model = model._replace(imaging=model.imaging._replace(points=points))

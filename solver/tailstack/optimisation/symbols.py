@@ -34,10 +34,7 @@ def gram(matrix: ArrayLike) -> ArrayLike:
 
 def elements(vector: Any) -> ArrayLike:
     """A CasADi column as an object array of its scalars."""
-    out = np.empty(vector.numel(), dtype=object)
-    for k in range(vector.numel()):
-        out[k] = vector[k]
-    return out
+    return side_by_side([vector[k] for k in range(vector.numel())])
 
 
 def side_by_side(values: ArrayLike) -> ArrayLike:

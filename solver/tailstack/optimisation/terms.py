@@ -26,7 +26,6 @@ from ..geometry.rotation import displacement
 from ..laws import Drawn
 from ..propagation.linear import (
     UNJUDGED,
-    Block,
     Chain,
     ErrorModel,
     KnownShift,
@@ -85,11 +84,13 @@ def _differentiate(
         positions = here.pivots_mm.copy()
         positions.flat[p] += PIVOT_STEP_MM
         moved.append(parts_at(replace(here, pivots_mm=positions)))
-    each = (np.array([there[k] - start for there in moved]) for k, start in enumerate(base))
-    return tuple(
-        Affine(start, _clean(change.reshape(len(moved), *start.shape) / PIVOT_STEP_MM))
-        for start, change in zip(base, each, strict=True)
-    )
+    each = []
+    for k, start in enumerate(base):
+        slope = np.array([there[k] - start for there in moved]).reshape(len(moved), *start.shape) / PIVOT_STEP_MM
+        # Rounding of a difference is not a dependence: it would only lengthen the expressions.
+        rounding = np.abs(slope) < 1e-13 * max(1.0, float(np.abs(slope).max(initial=0.0)))
+        each.append(Affine(start, np.where(rounding, 0.0, slope)))
+    return tuple(each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,10 +198,8 @@ def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
 
 def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTerms:
     """Coefficients of one quantile.  They do not depend on the layout, so a singular one is scattered first."""
-    system = problem.system
-    if is_singular(system, system.fiducials_mm):
-        system = scatter(problem)
-    problem = replace(problem, system=system)
+    if is_singular(problem.system, problem.system.fiducials_mm):
+        problem = replace(problem, system=scatter(problem))
     base = _parts(problem, present_choice(problem), demand)
     reconstructed, bias, gains = _differentiate(
         problem, base.values, lambda choice: _parts(problem, choice, demand).values
@@ -210,23 +209,18 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
         reconstructed=reconstructed,
         bias=bias,
         gains=gains,
-        sources=_sources(problem, base.model, demand.level, _is_constant),
-        common=_sources(problem, base.model, demand.level, _is_common),
+        sources=_sources(problem, base.model, demand.level, Way.LINK),
+        common=_sources(problem, base.model, demand.level, Way.SHARED),
         vertex=np.concatenate([np.zeros(0), *vertices_of(base.free, demand.ends)]),
         to_error=weigh(demand, [np.vstack([point.tcp_from_localisation, np.eye(3)]) for point in base.points]),
         flange_to_error=weigh(demand, [np.vstack([point.tcp_from_flange, np.zeros((3, 3))]) for point in base.points]),
-        kept=np.ones(len(system.fiducial_labels)),
+        kept=np.ones(len(problem.system.fiducial_labels)),
     )
 
 
 def weigh(demand: QuantileConstraint, each: Sequence[Array]) -> Array:
     """(3, 3 T) of what displacements of each target do to the errors there, at the tool and as located (6, 3)."""
     return np.hstack([weights @ own for weights, own in zip(demand.site.weights.values(), each, strict=True)])
-
-
-def _clean(slope: Array) -> Array:
-    """Rounding of a difference is not a dependence: it would only lengthen the expressions."""
-    return np.where(np.abs(slope) < 1e-13 * max(1.0, float(np.abs(slope).max(initial=0.0))), 0.0, slope)
 
 
 def scatter(problem: PlacementProblem) -> System:
@@ -253,8 +247,8 @@ class _Parts:
 def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint) -> _Parts:
     free, points = linearise_demand(chain_of(apply_choice(problem, choice)), demand)
     model, error = at_ends(free, demand.ends), demand.requirement.error
-    gains = [block.gain(error).T for block in model.blocks if _is_constant(block)]
-    stacked = np.vstack(gains) if gains else np.zeros((0, 3))
+    gains = (block.gain(error).T for block in model.blocks if block.effect.way is Way.LINK)
+    stacked = np.vstack([np.zeros((0, 3)), *gains])
     reconstructed = np.array([point.reconstructed_mm for point in points])
     bias = model.bias_mm(error) - model.imaged_bias_mm(error)
     return _Parts(free, model, points, (reconstructed, bias, stacked))
@@ -269,17 +263,12 @@ def linearise_demand(chain: Chain, demand: QuantileConstraint) -> tuple[ErrorMod
 
 def vertices_of(model: ErrorModel, ends: tuple[float, ...]) -> list[Array]:
     """(k,) native unit for each common block in turn: bounded sources at ``QuantileConstraint.ends``, others 0."""
-    left = iter(ends)
-    return [
-        np.array(
-            [
-                h * next(left, 0.0) if bounded else 0.0
-                for bounded, h in zip(block.effect.sources.are_bounded, block.half_width, strict=True)
-            ]
-        )
-        for block in model.blocks
-        if _is_common(block)
-    ]
+    left, places = iter(ends), []
+    for block in model.blocks:
+        if block.effect.way is Way.SHARED:
+            each = zip(block.effect.sources.are_bounded, block.half_width, strict=True)
+            places.append(np.array([h * next(left, 0.0) if bounded else 0.0 for bounded, h in each]))
+    return places
 
 
 def at_ends(model: ErrorModel, ends: tuple[float, ...]) -> ErrorModel:
@@ -289,7 +278,7 @@ def at_ends(model: ErrorModel, ends: tuple[float, ...]) -> ErrorModel:
     places = iter(vertices_of(model, ends))
     blocks, known = [], []
     for block in model.blocks:
-        if _is_common(block):
+        if block.effect.way is Way.SHARED:
             place = next(places)
             shifts = {error: gain @ place for error, gain in block.gains.items()}
             known.append(KnownShift(block.contributor, block.label, shifts))
@@ -303,17 +292,7 @@ def at_ends(model: ErrorModel, ends: tuple[float, ...]) -> ErrorModel:
     )
 
 
-def _is_constant(block: Block) -> bool:
-    return block.effect.way is Way.LINK
-
-
-def _is_common(block: Block) -> bool:
-    return block.effect.way is Way.SHARED
-
-
-def _sources(
-    problem: PlacementProblem, model: ErrorModel, level: Drawn, wanted: Callable[[Block], bool]
-) -> tuple[SourceTerm, ...]:
+def _sources(problem: PlacementProblem, model: ErrorModel, level: Drawn, way: Way) -> tuple[SourceTerm, ...]:
     free = {
         (item.contributor, name): (k, part)
         for k, item in enumerate(problem.half_widths)
@@ -322,7 +301,7 @@ def _sources(
     laws = free_laws(problem)
     sources = []
     for block in model.blocks:
-        if not wanted(block):
+        if block.effect.way is not way:
             continue
         for j, (name, law) in enumerate(zip(block.components, block.laws, strict=True)):
             k, part = free.get((block.contributor, name), (None, 0))
@@ -389,15 +368,10 @@ def image_parts_at(
     """
     points = laid.fiducials_mm @ plain(estimator.assumed_turn).T + assumed_shift
     own = estimator.imaging
-    estimation = own.estimation
-    inner = {name: plain(getattr(estimation, name)) for name in ("precision", "noise", "factors")}
+    estimation = {name: plain(getattr(own.estimation, name)) for name in ("precision", "noise", "factors")}
+    rest = {name: plain(getattr(own, name)) for name in ("per_error", "believed", "assumed")}
     imaging = own._replace(
-        projections=projections,
-        points=points,
-        estimation=estimation._replace(**inner),
-        per_error=plain(own.per_error),
-        believed=plain(own.believed),
-        assumed=plain(own.assumed),
+        projections=projections, points=points, estimation=own.estimation._replace(**estimation), **rest
     )
     seat = laid.structure_connector
     first = displacement(seat.known, seat.pivot_mm, laid.rotation_form)

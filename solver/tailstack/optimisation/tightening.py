@@ -58,11 +58,6 @@ class VerifiedOptimum:
     survived: SurvivedLoss | None = None  # the worst loss, where some must be survived
     kept: bool = False  # it is the design as it stood, brought inside
 
-    @property
-    def count(self) -> int:
-        """Number of fiducials."""
-        return self.search.fiducials
-
 
 def tighten(
     request: OptimiseRequest,
@@ -99,9 +94,8 @@ def tighten(
         steep = [_steepness(problem, term, optimum.choice) for term in search.terms]
         aims = aims * np.array(steps) ** (1 / np.array(steep))
     failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
-    detail = f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: " + "; ".join(
-        finding.message for finding in failures
-    )
+    told = "; ".join(finding.message for finding in failures)
+    detail = f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: {told}"
     hint = "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise"
     raise NotConvergedError(Problem("/optimise", "not-verified", detail, hint))
 
@@ -134,18 +128,16 @@ def check_present(
         return None  # before anything is evaluated
     here = present_design(problem)
     cost = problem.price_of(here.choice) if problem.half_widths else 0.0
-    if not here.may_keep(settings.limits):
-        return None
-    if merit_of(request, problem, here.choice, here.ratios) >= best:
+    if not here.may_keep(settings.limits) or merit_of(request, problem, here.choice, here.ratios) >= best:
         return None
     purchase = None
     if request.graded:
         bought = here.choice.half_width
         each = zip(problem.half_widths, bought.tolist(), strict=True)
-        held = [grade_for(free.price, width) for free, width in each]
-        names = ["" if grade is None else grade.name for grade in held]
+        held = (grade_for(free.price, width) for free, width in each)
+        names = tuple("" if grade is None else grade.name for grade in held)
         statement = "the design as it stood is kept: no bound was sought at its layout"
-        purchase = Purchase(bought, tuple(names), Relaxation("none", cost, None, None, statement))
+        purchase = Purchase(bought, names, Relaxation("none", cost, None, None, statement))
     optimum = Optimum(problem, here.choice, cost, here.ratios, None, purchase)
     design = revise(request, problem, here.choice) if here.moved else request.design
     trials = trials_of(request, search, settings)
@@ -213,10 +205,8 @@ def _check_loss(
     survival: Survival, search: Search, optimum: Optimum, system: System, seed: int, trials: int, control: Control
 ) -> tuple[Check, SurvivedLoss]:
     """The design without the fiducials whose loss is worst by estimate, by Monte Carlo."""
-    ratio, term = max(
-        ((ratio, term) for ratio, term in zip(optimum.ratios, search.terms, strict=True) if term.demand.lost),
-        key=lambda each: each[0],
-    )
+    sized = zip(optimum.ratios, search.terms, strict=True)
+    ratio, term = max((each for each in sized if each[1].demand.lost), key=lambda each: each[0])
     lost, (target,) = term.demand.lost, term.demand.targets
     left = replace(
         without_fiducials(system, lost),
@@ -248,9 +238,8 @@ def trials_of(request: OptimiseRequest, search: Search, settings: CheckSettings)
 def _system_to_check(design: Design, problem: PlacementProblem, settings: CheckSettings) -> System:
     """A design with the requirements that its check is to judge, and their targets."""
     system: System = compile_design(design)
-    if settings.others:
-        requirements = system.requirements
-    else:
+    requirements = system.requirements
+    if not settings.others:
         requirements = tuple(replace(item, limit=item.limit * settings.limits) for item in problem.requirements)
     return replace(system, requirements=requirements, targets=targets_of(system, requirements))
 
@@ -261,9 +250,8 @@ def first_aims(search: Search, trials: int) -> Array:
     if program.problem.objective == "quantile":
         return np.ones(len(search.terms))
     choice = program.split(search.iterates[0].point.x)
-    return np.array(
-        [aim_of(evaluate_demand(program.problem, term, choice), term.demand, trials) for term in search.terms]
-    )
+    exact = (evaluate_demand(program.problem, term, choice) for term in search.terms)
+    return np.array([aim_of(own, term.demand, trials) for own, term in zip(exact, search.terms, strict=True)])
 
 
 def _tightening(check: Check, attempt: int) -> float:
@@ -297,7 +285,6 @@ def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], proble
         f"{worst.headline} at most {upper} by Monte Carlo at target {worst.target!r}, which is not within the "
         f"limit of {worst.limit:g} {worst.unit} ({worst.requirement})"
     )
-    hint = f"raise the limit to {upper} or more, or " + (
-        "free tolerances" if not problem.half_widths else "raise the cost limit"
-    )
+    looser = "raise the cost limit" if problem.half_widths else "free tolerances"
+    hint = f"raise the limit to {upper} or more, or {looser}"
     return InfeasibleError(Problem("/optimise", "limit-out-of-reach", detail, hint))

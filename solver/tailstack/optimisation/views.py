@@ -62,17 +62,13 @@ def aim_views(
         Aim(0.0, 0.0, distance if limits is None else min(max(distance, limits[0]), limits[1]))
         for distance, limits in zip(present, (free.source_isocentre_mm for free in search.free), strict=True)
     )
-    best = start
     leader = search.scan(start)
-    if search.solve_at(start) > search.solve_at(leader):
-        best = leader
+    best = leader if search.solve_at(start) > search.solve_at(leader) else start
     if search.solve_at(best) == inf:
         raise search.refusals[leader]
     best = search.refine(best)
-    views = tuple(
-        _compare(design, free.view, aim, distance)
-        for free, aim, distance in zip(search.free, best, present, strict=True)
-    )
+    each = zip(search.free, best, present, strict=True)
+    views = tuple(_compare(design, free.view, aim, distance) for free, aim, distance in each)
     may_stay = added is None and present == tuple(aim.source_isocentre_mm for aim in start)
     as_aimed = search.solve_at(start) if may_stay else inf
     return search.aim(best), _record(search, views, as_aimed, search.solve_at(best), added)

@@ -188,13 +188,10 @@ def mounts_of(
 ) -> Mounts:
     """The mounts of a system; with other biases (..., 6), rad and mm, and pivots (..., 3) of its three mounts, theirs
     side by side."""
-    each = system.mounts
-    first, second, third = (
-        displacement(bias, pivot, system.rotation_form)
-        for bias, pivot in zip(
-            biases or [mount.known for mount in each], pivots_mm or [mount.pivot_mm for mount in each], strict=True
-        )
-    )
+    biases = biases or [mount.known for mount in system.mounts]
+    pivots_mm = pivots_mm or [mount.pivot_mm for mount in system.mounts]
+    pairs = zip(biases, pivots_mm, strict=True)
+    first, second, third = (displacement(*pair, system.rotation_form) for pair in pairs)
     undone = np.asarray(np.linalg.inv(first.rotation))
     return Mounts(first, undone, second, third, system.T_tcp_con, system.reading, system.execution.known)
 
@@ -309,15 +306,8 @@ def chain_of(system: System) -> Chain:
     projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, mounts.first, system.reading)
     imaging = imaging_of(system, projections, points, per_error)
     gains = view_matrix_gains(projections, points, system.sees, imaging.estimation)
-    covariance = matrix_covariance(
-        gains,
-        projections,
-        points,
-        imaging.estimation,
-        per_error,
-        system.manufacturing_std_mm,
-        system.believed_errors,
-    )
+    std, believed = system.manufacturing_std_mm, system.believed_errors
+    covariance = matrix_covariance(gains, projections, points, imaging.estimation, per_error, std, believed)
     return Chain(system, imaging, system.sees, mounts, gains, covariance, effects_of_images(system))
 
 

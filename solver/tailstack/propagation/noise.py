@@ -211,13 +211,8 @@ def linear_residual_gains(
     Returns (target image u, v relative to the centroid's image; the centroid's image u, v; target depth) as a (5,)
     array.
     """
-    head, image, local, origin, centre = (
-        eliminated.head[v],
-        eliminated.image[v],
-        eliminated.local[v],
-        eliminated.origin[v],
-        eliminated.centre[v],
-    )
+    head, image, local = eliminated.head[v], eliminated.image[v], eliminated.local[v]
+    origin, centre = eliminated.origin[v], eliminated.centre[v]
     d_inv, du, dv, s_inv = eliminated.d_inv[v], eliminated.du[v], eliminated.dv[v], eliminated.s_inv[v]
     count = image.shape[0]
     total = sum_of(weights)
@@ -420,9 +415,7 @@ class Estimation(NamedTuple):
 
     unknowns: int  # of a view: 0 eleven by DLT; 6 to 9, or 11 by least squares of the images
     weighing: int  # of ``system.Weighing``: by what triangulation weighs the rows of a view
-    precision: (
-        ArrayLike  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing is known
-    )
+    precision: ArrayLike  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing known
     noise: ArrayLike  # (V, 2) px: of fiducials and target; read by the weighted rows
     # (V, 2, 2, 2), of fiducials and target: by which independent noise along u and v is multiplied (rows); (0, ...)
     # where it is alike in all directions

@@ -189,9 +189,8 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
     words, uncalibrated = _class_of(system, limits)
     times = COUNTED.get(fiducials, 1.0)
     part = max(PARTS, key=numbers._asdict().__getitem__)
-    counted = f"nu = {numbers.nu:.2g} ({PARTS[part]}" + (
-        f"; counted {times:g} times: {fiducials} fiducials)" if times > 1 else ")"
-    )
+    more = f"; counted {times:g} times: {fiducials} fiducials" if times > 1 else ""
+    counted = f"nu = {numbers.nu:.2g} ({PARTS[part]}{more})"
     if turns.size > TURN_LIMITS[0]:
         counted += f", mounts that turn so far that {number(100 * turns.size, 2)} % of the error is of second order"
     in_proportion = {

@@ -132,9 +132,7 @@ def _is_spread(points: Array, weights: Array, lift: float) -> bool:
         - scatter[0, 1] * (scatter[0, 1] * scatter[2, 2] - scatter[1, 2] * scatter[0, 2])
         + scatter[0, 2] * (scatter[0, 1] * scatter[1, 2] - scatter[1, 1] * scatter[0, 2])
     )
-    if (
-        lift == 0.0 and determinant > least * trace * trace * trace
-    ):  # the smallest eigenvalue is no less than det / tr^2
+    if lift == 0.0 and determinant > least * trace * trace * trace:  # the smallest eigenvalue is at least det / tr^2
         return True
     values, axes, _ = eigen_symmetric(scatter)
     if lift > 0.0:

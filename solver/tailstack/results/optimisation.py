@@ -482,9 +482,7 @@ def _way(entry: Move, gone: str) -> float | str:
 
 def _positions(name: str, caption: str, columns: tuple[Column, ...], entries: Sequence[Move], note: str = "") -> Table:
     """A terminal has those that moved."""
-    rows = [
-        fill(columns, entry, on=EVERYWHERE if entry.before_mm != entry.after_mm else ~TERMINAL) for entry in entries
-    ]
+    rows = [fill(columns, each, on=EVERYWHERE if each.before_mm != each.after_mm else ~TERMINAL) for each in entries]
     return Table(name, caption, columns, tuple(rows), note)
 
 
@@ -500,11 +498,9 @@ def alone_table(moves: MovesValue) -> Table:
     left = moves.objective_left
 
     def share(entry: MoveValue) -> float | None:
-        return (
-            None
-            if left is None or entry.objective is None
-            else (left - entry.objective) / (left - moves.objective_moved)
-        )
+        if left is None or entry.objective is None:
+            return None
+        return (left - entry.objective) / (left - moves.objective_moved)
 
     columns = (
         Column("Fiducial", of=attrgetter("label")),

@@ -62,20 +62,15 @@ def _draw_bars(ax: Axes, chart: Bars) -> None:
         words = f"{bar.value:.3g}" if bar.before is None else f"{bar.before:.3g} → {bar.value:.3g}"
         ax.annotate(words, (_reach(bar), place), (6, 0), textcoords="offset points", va="center", annotation_clip=False)
     ax.set_ylim(len(chart.bars) - 0.4, -0.6)
-    ax.set_xlim(
-        0,
-        (1.22 if all(bar.before is None for bar in chart.bars) else 1.4)
-        * max((_reach(bar) for bar in chart.bars), default=1.0)
-        or 1.0,
-    )
-    ax.set_yticks(
-        places, ["\n".join(wrap(bar.label, LETTERS, break_long_words=False)) for bar in chart.bars], color=INK
-    )
+    compared = any(bar.before is not None for bar in chart.bars)
+    ax.set_xlim(0, (1.4 if compared else 1.22) * max(map(_reach, chart.bars), default=1.0) or 1.0)
+    labels = ["\n".join(wrap(bar.label, LETTERS, break_long_words=False)) for bar in chart.bars]
+    ax.set_yticks(places, labels, color=INK)
     ax.grid(False, axis="y")
     ax.set_xlabel(chart.axis)
     if any(bar.limit is not None for bar in chart.bars):
         ax.plot([], [], label="limit", **LIMIT_LOOK)
-    if any(bar.before is not None for bar in chart.bars):
+    if compared:
         ax.barh([0], [0], color=BAR_PALE, label="before")
         ax.barh([0], [0], color=BAR, label="after")
     _explain(ax)

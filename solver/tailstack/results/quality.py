@@ -70,9 +70,7 @@ def quality_table(
 ) -> Table | None:
     """One row for each error with a limit; None where there is none."""
     rows = list(limited_errors(targets, measures))
-    of_trials = (
-        Column("dppm at most", "", "significant", 3, PAPER, of=lambda row: row.at_most and row.at_most * PARTS),
-    )
+    of_trials = Column("dppm at most", "", "significant", 3, PAPER, of=lambda row: row.at_most and row.at_most * PARTS)
     columns = (
         Column("At", of=lambda row: row.site),
         Column("Error", of=lambda row: row.words),
@@ -80,7 +78,7 @@ def quality_table(
         Column("Limit", "", "stated", 3, of=lambda row: row.limit),
         Column("Beyond limit", "%", "percent", 3, of=lambda row: row.beyond),
         Column("dppm", "", "significant", 3, of=lambda row: row.beyond * PARTS),
-        *(of_trials if any(row.at_most is not None for row in rows) else ()),
+        *((of_trials,) if any(row.at_most is not None for row in rows) else ()),
         Column("Sigma level", "", "fixed", 2, of=lambda row: sigma_level(row.beyond)),
         Column("Ppk", "", "fixed", 2, brief="Ppk", of=lambda row: row.ppk),
     )

@@ -472,10 +472,9 @@ def axes(word: str, decimals: int, on: On) -> tuple[Column, Column, Column]:
     field = f"{word.lower()}_mm"
 
     def component(k: int) -> Column:
-        brief = f"{word.lower()} {'xyz'[k]}\nmm"
-        return Column(
-            f"{word} {'xyz'[k]}", "mm", "fixed", decimals, on, brief, of=lambda row: getattr(row[1], field)[k]
-        )
+        title = f"{word} {'xyz'[k]}"
+        brief = f"{title.lower()}\nmm"
+        return Column(title, "mm", "fixed", decimals, on, brief, of=lambda row: getattr(row[1], field)[k])
 
     return component(0), component(1), component(2)
 
@@ -611,13 +610,9 @@ def budget_table(
 
 def _sum_up(columns: Sequence[Column], small: Sequence[Contributor], least: float, on: On) -> Row:
     """The row that stands for small components: how many, and their share."""
-    cells: list[Cell] = [None if column.numeric else "" for column in columns]
+    share = sum(part.variance_share for part in small)
+    cells: list[Cell] = [share if column.bar else "" for column in columns]
     cells[0] = f"{len(small)} more, < {100 * least:g} % each"
-    for k, column in enumerate(columns):
-        if column.bar:
-            cells[k] = sum(part.variance_share for part in small)
-        elif column.numeric:
-            cells[k] = ""
     return Row(tuple(cells), 1, on)
 
 
@@ -629,10 +624,7 @@ def group(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[C
         lines = [entry for entry in contributors if (entry.name, entry.law == "known") == each]
         total = next((entry for entry in lines if entry.component == "all"), None)
         parts = sorted((e for e in lines if e is not total), key=lambda e: e.variance_share, reverse=True)
-        if total is not None:
-            groups.append((total, parts))
-        else:
-            groups += [(entry, []) for entry in parts]
+        groups += [(entry, []) for entry in parts] if total is None else [(total, parts)]
     return sorted(groups, key=lambda group: group[0].variance_share, reverse=True)
 
 

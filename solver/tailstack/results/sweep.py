@@ -107,26 +107,20 @@ class Sweep(Result):
         pointers = [axis.pointer for axis in self.axes]
         rows = []
         for point in self.points:
-            shared = {
-                **dict(zip(pointers, point.values, strict=True)),
-                "status": point.status,
-                "verdict": point.verdict,
-            }
+            shared: dict[str, Any] = dict(zip(pointers, point.values, strict=True))
+            shared |= {"status": point.status, "verdict": point.verdict}
             rows += [
                 {**shared, "target": row.pop("name"), **row, "reason": point.reason}
                 for row in ([row_of(target) for target in point.targets] or [dict(_NOTHING)])
             ]
-        computed = sum(point.status == "ok" for point in self.points)
         passing = sum(point.verdict == "pass" for point in self.points)
-        refused = len(self.points) - computed
-        sentence = f"{len(self.points):,} points, {passing:,} of them pass" + (
-            f"; {refused:,} could not be computed, the column reason says why." if refused else "."
-        )
+        refused = sum(point.status == "refused" for point in self.points)
+        more = f"; {refused:,} could not be computed, the column reason says why." if refused else "."
         return Outline(
             "Sweep, " + ("estimates" if self.check == "score" else "Monte Carlo checks"),
             self.provenance.design_name,
             "",
-            sentence,
+            f"{len(self.points):,} points, {passing:,} of them pass{more}",
             (Frame("points", tuple(rows), shown=points_table(self)),),
             self._curves(),
         )
@@ -214,10 +208,12 @@ def points_table(sweep: Sweep) -> Table:
         return lambda row: row.point.measures[k].p95 if row.point.measures else None
 
     def end(k: int) -> Callable[[_Place], float | None]:
-        return lambda row: (
-            None if row.target is None or row.target.p95_interval_mm is None else (row.target.p95_interval_mm[k])
-        )
+        return lambda row: None if row.target is None else row.target.p95_interval_mm and row.target.p95_interval_mm[k]
 
+    ends = (
+        Column("P95 from", "mm", "fixed", decimals, brief="from\nmm", of=end(0)),
+        Column("P95 to", "mm", "fixed", decimals, brief="to\nmm", of=end(1)),
+    )
     columns = (
         Column("Point", on=TERMINAL, of=lambda row: str(row.number)),
         *(
@@ -226,14 +222,7 @@ def points_table(sweep: Sweep) -> Table:
         ),
         Column("Target", on=~TERMINAL, of=of_target("name")),
         Column("P95", "mm", "fixed", decimals, of=of_target("p95_mm")),
-        *(
-            (
-                Column("P95 from", "mm", "fixed", decimals, brief="from\nmm", of=end(0)),
-                Column("P95 to", "mm", "fixed", decimals, brief="to\nmm", of=end(1)),
-            )
-            if checked
-            else ()
-        ),
+        *(ends if checked else ()),
         Column("Mean |e|", "mm", "fixed", decimals, brief="mean\nmm", of=of_target("mean_norm_mm")),
         Column("|bias|", "mm", "fixed", decimals, On.DETAIL | PAPER, of=of_target("bias_norm_mm")),
         Column(

@@ -6,7 +6,7 @@ Terminal, notebook, HTML, PDF and spreadsheet are written from the same table; n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Flag, auto
 from typing import Any, Literal
 
@@ -79,17 +79,14 @@ class Table:
     def on(self, place: On) -> Table:
         """What of it is shown at a place."""
         shown = [column.on & place == place for column in self.columns]
-        return Table(
-            self.name,
-            self.caption,
-            tuple(column for column, here in zip(self.columns, shown, strict=True) if here),
-            tuple(
+        return replace(
+            self,
+            columns=tuple(column for column, here in zip(self.columns, shown, strict=True) if here),
+            rows=tuple(
                 Row(tuple(cell for cell, here in zip(row.cells, shown, strict=True) if here), row.depth)
                 for row in self.rows
                 if row.on & place == place
             ),
-            self.note,
-            self.most,
         )
 
     @property

@@ -191,9 +191,8 @@ def study_coupling(
     ready = prepare(design)
     system = ready.system
     nominal = remove_biases(system)
-    cases = [
-        case for reading in Reading for case in list_cases(replace(system, reading=reading), nominal, levels, error)
-    ]
+    readings = (replace(system, reading=reading) for reading in Reading)
+    cases = [case for each in readings for case in list_cases(each, nominal, levels, error)]
     at_rest = compile_plan(nominal, held=BETWEEN_SHOTS)
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
@@ -562,17 +561,14 @@ def _judge_sum(cases: Sequence[CouplingCase]) -> str:
     more, less = sides.count(1), sides.count(-1)
     over = sum(tell_side(widen(case.against_sum, len(cases))) > 0 for case in cases)
     furthest = max((abs(case.against_vector_sum.value - 1) for case in cases), default=0.0)
+    no_more, added = "Together they make no more than their sum: in", "that of both added shot by shot"
     if not more and not less:
-        sentence = (
-            "Together they make no more than their sum: in no case is P95 told from that of both added shot by shot"
-        )
+        sentence = f"{no_more} no case is P95 told from {added}"
     elif not more:
-        sentence = (
-            f"Together they make no more than their sum: in {less} of {len(cases)} cases P95 is less than that of "
-        )
-        sentence += "both added shot by shot" + (", in the others no difference is seen" if less < len(cases) else "")
+        sentence = f"{no_more} {less} of {len(cases)} cases P95 is less than {added}"
+        sentence += ", in the others no difference is seen" if less < len(cases) else ""
     else:
-        sentence = f"In {more} of {len(cases)} cases P95 is more than that of both added shot by shot"
+        sentence = f"In {more} of {len(cases)} cases P95 is more than {added}"
         sentence += f", in {less} it is less" if less else ""
     sentence += f" (largest difference {100 * furthest:.2g} %; all intervals together 95 %)"
     exceeded = f"is exceeded in {over} of {len(cases)} cases" if over else "is exceeded nowhere"

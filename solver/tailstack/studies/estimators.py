@@ -167,9 +167,8 @@ def _case(system: System, trials: int, seed: int, threads: int | None, reference
 def _worst(system: System) -> tuple[str, float, str]:
     """The target with the largest P95 at the tool, that P95, mm, and how far first order can be trusted."""
     models = linearise_all(chain_of(system))
-    quantiles = {
-        name: law_quantile(error_law(model, "tcp", P95).law, P95).quantile_mm for name, model in models.items()
-    }
+    laws = {name: error_law(model, "tcp", P95).law for name, model in models.items()}
+    quantiles = {name: law_quantile(law, P95).quantile_mm for name, law in laws.items()}
     target = max(quantiles, key=quantiles.__getitem__)
     return target, quantiles[target], trust_of(system, models).status
 

@@ -190,10 +190,7 @@ def study_linearity(
         confidence=CONFIDENCE,
         interval_method=f"both quantiles from the same deviates; Student's interval of the logarithms of {SECTIONS} "
         f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so some {round(100 * (1 - CONFIDENCE))} of 100 miss",
-        noises_px=tuple(noises_px),
-        rotations_deg=tuple(rotations_deg),
-        spreads=tuple(spreads),
-        counts=tuple(counts),
+        **grid._asdict(),
         points=tuple(points),
         sentences=write_sentences(points),
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "

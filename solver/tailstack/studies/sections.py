@@ -32,9 +32,8 @@ def estimate_by_sections(estimate: Callable[[slice], float], trials: int, confid
     size = trials // SECTIONS
     whole = estimate(slice(0, trials))
     parts = np.array([estimate(slice(k * size, (k + 1) * size)) for k in range(SECTIONS)])
-    half = float(stdtrit(SECTIONS - 1, (1 + confidence) / 2)) * sqrt(
-        float(((parts - whole) ** 2).sum()) / (SECTIONS * (SECTIONS - 1))
-    )
+    variance = float(((parts - whole) ** 2).sum()) / (SECTIONS * (SECTIONS - 1))
+    half = float(stdtrit(SECTIONS - 1, (1 + confidence) / 2)) * sqrt(variance)
     return SectionEstimate(whole, (whole - half, whole + half))
 
 

@@ -239,10 +239,8 @@ def _read_map(
     elif ordinal is not None:
         sentence = f"A {ordinal} view like {view}, with {beam} ({from_others}), lowers {numbers}."
     else:
-        start = np.array(
-            next(direction for direction in directions if direction.right_deg == direction.up_deg == 0).beam_direction
-        )
-        across = np.array(best.beam_direction) - cos(radians(turn_deg)) * start
+        start = next(each.beam_direction for each in directions if each.right_deg == each.up_deg == 0)
+        across = np.array(best.beam_direction) - cos(radians(turn_deg)) * np.array(start)
         sentence = f"Turning {view} by {turn_deg:.0f} deg towards {_name(across)} ({beam}) lowers {numbers}"
         sentence += ", at the edge of the map." if turn_deg + step_deg > cone_deg else "."
     hidden = len(directions) - len(allowed)

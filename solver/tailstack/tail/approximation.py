@@ -170,12 +170,7 @@ def _moment_at_quantile(
 
 
 def unit_quantile_squared(
-    p: float,
-    fraction: float,
-    mean: Vector,
-    installation_covariance: Matrix,
-    shot_covariance: Matrix,
-    *columns: Matrix,
+    p: float, fraction: float, mean: Vector, installation_covariance: Matrix, shot_covariance: Matrix, *columns: Matrix
 ) -> Any:
     """Square, mm^2, of the approximate fraction-quantile over units of a unit's own p-quantile over shots.
 

@@ -103,11 +103,7 @@ def worst_case(
 
 
 def indistinguishable(
-    law: LinearLaw,
-    bounded: Array,
-    p: float,
-    worst: tuple[int, ...],
-    value: Callable[[LinearLaw], float] | None = None,
+    law: LinearLaw, bounded: Array, p: float, worst: tuple[int, ...], value: Callable[[LinearLaw], float] | None = None
 ) -> tuple[tuple[int, ...], ...]:
     """The worst vertex and the others that first order cannot tell from it: signs (q,) of each, the worst first.
 

@@ -313,12 +313,8 @@ class DeclaredLaw:
         if terms is not None:
             return add_gradients([self._lattice_gradient(each) for each in terms])
         points = sample(self.law.mean, self.law.covariance, self.h, _LOG2_POINTS)
-        total = add_gradients(
-            [
-                LawGradient(*(weight * part for part in points.gradient(quantile.quantile_mm, self.h)))
-                for quantile, weight in mixture
-            ]
-        )
+        each = ((points.gradient(quantile.quantile_mm, self.h), weight) for quantile, weight in mixture)
+        total = add_gradients([LawGradient(*(weight * part for part in parts)) for parts, weight in each])
         return total._replace(by_log_column=self._by_source(total.by_log_column))
 
     def _terms_of(self, mixture: Quantiles) -> list[_Terms] | None:
@@ -524,10 +520,9 @@ class PairLaw:
         return mean_and_error(points.outside(self.law.mean, r, self.room, self.first))
 
     def quantile(self, p: float) -> LawQuantile:
+        low = 0.0
         if self.law.room is None:
             low = self.alone.quantile_mm if p == self.alone.p else self._longer.quantile(p).quantile_mm
-        else:
-            low = 0.0
         r = find_radius(self.probability, p, low or self.highest, low)
         density = (self.probability(1.001 * r) - self.probability(0.999 * r)) / (0.002 * r) if r else 0.0
         return LawQuantile(p, r, density, PAIR_METHOD, self.probability_added(r)[1] / density if density else 0.0)
@@ -731,16 +726,13 @@ class MixedLaw:
 
         Where more than 1 - p is, the quantile is of the rest as well.
         """
-        r = self.quantile(p)
+        r, exceedance = self.quantile(p), None if limit is None else self.exceedance(limit)
         if r == inf:
-            return self.given_answer.summary(p, None)._replace(
-                exceedance=None if limit is None else self.exceedance(limit)
-            )
+            return self.given_answer.summary(p, None)._replace(exceedance=exceedance)
         whole = float(self.weights.sum())
         mean, beyond = (float(self.weights @ [member.excess(at) for member in self._members]) for at in (0.0, r))
         quantile = LawQuantile(p, r, 0.0, MIXED_METHOD, 1e-9 * r)
-        tail_mean = r + beyond / (whole - p)
-        return LawSummary(quantile, mean / whole, tail_mean, None if limit is None else self.exceedance(limit))
+        return LawSummary(quantile, mean / whole, r + beyond / (whole - p), exceedance)
 
     def middles(self, parts: int) -> Array:
         """(parts,) mm, quantiles in the middles of equal parts, shots of a quantile dot plot (Kay et al., CHI 2016):

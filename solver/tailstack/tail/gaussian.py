@@ -437,14 +437,11 @@ def law_iv(mean: ArrayLike, covariance: ArrayLike) -> tuple[Array, Array]:
     """
     mean = np.ascontiguousarray(mean, dtype=np.float64)
     covariance = np.ascontiguousarray(covariance, dtype=np.float64)
-    if mean.shape != (3,):
-        raise ValueError(f"mean must have shape (3,), got {mean.shape}")
-    if covariance.shape != (3, 3):
-        raise ValueError(f"covariance must have shape (3, 3), got {covariance.shape}")
-    if not np.isfinite(mean).all():
-        raise ValueError(f"mean must be finite, got {mean.tolist()}")
-    if not np.isfinite(covariance).all():
-        raise ValueError(f"covariance must be finite, got {covariance.tolist()}")
+    for name, array, shape in (("mean", mean, (3,)), ("covariance", covariance, (3, 3))):
+        if array.shape != shape:
+            raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite, got {array.tolist()}")
     if np.abs(covariance - covariance.T).max() > SYMMETRY_TOLERANCE * np.abs(covariance).max():
         raise ValueError(
             f"covariance must be symmetric to {SYMMETRY_TOLERANCE:g} of its largest entry, got {covariance.tolist()}"

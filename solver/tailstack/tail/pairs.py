@@ -82,9 +82,8 @@ class PairSample:
             takes = {first: np.where(together & ~beyond, 0.0, sign), other: np.where(together & beyond, -sign, 0.0)}
             for k, times in takes.items():
                 rho = np.where(np.isfinite(ends[k]) & (ends[k] > 0.0), ends[k], 0.0)
-                normal = (mean.reshape(2, 3)[k][:, None] + self.start[k] + rho * self.gain[k]) / (
-                    np.maximum(r, SMALLEST_MM) + room.reshape(2, 3)[k][:, None]
-                ) ** 2
+                wide = np.maximum(r, SMALLEST_MM) + room.reshape(2, 3)[k][:, None]
+                normal = (mean.reshape(2, 3)[k][:, None] + self.start[k] + rho * self.gain[k]) / wide**2
                 slope = (normal * self.gain[k]).sum(axis=0)
                 density = np.where((rho > 0.0) & (slope != 0.0), times * self._density(rho), 0.0)
                 by_start[k] -= normal * density / np.where(slope != 0.0, slope, 1.0)

@@ -221,16 +221,10 @@ def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple
 def _pearson_quantiles(p: float, offset: Array, distance: Array, covariance: Array) -> Array:
     """R (n,) by Pearson's closed form, at offsets (n, 3) of these lengths (n,), for shots N(0, covariance)."""
     square = covariance @ covariance
-    return np.asarray(
-        np.sqrt(
-            pearson_square(
-                np.trace(covariance) + distance**2,
-                np.trace(square) + 2.0 * np.einsum("ia,ia->i", offset @ covariance, offset),
-                np.trace(square @ covariance) + 3.0 * np.einsum("ia,ia->i", offset @ square, offset),
-                float(ndtri(p)),
-            ).clip(0.0)
-        )
-    )
+    c1 = np.trace(covariance) + distance**2
+    c2 = np.trace(square) + 2.0 * np.einsum("ia,ia->i", offset @ covariance, offset)
+    c3 = np.trace(square @ covariance) + 3.0 * np.einsum("ia,ia->i", offset @ square, offset)
+    return np.asarray(np.sqrt(pearson_square(c1, c2, c3, float(ndtri(p))).clip(0.0)))
 
 
 def _shape_matters(shot: LinearLaw) -> bool:

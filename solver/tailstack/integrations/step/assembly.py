@@ -92,17 +92,13 @@ class Assembly(Shapes):
         self._shapes: dict[int, list[Reference]] = defaultdict(list)
         self._links: dict[int, list[Reference]] = defaultdict(list)
         self._held: dict[int, list[tuple[int, Any, Reference]]] = defaultdict(list)  # by representation, what is in it
-        for number in file.list_numbers("SHAPE_DEFINITION_REPRESENTATION"):
-            definition, shape = file.part(file.read(number), "SHAPE_DEFINITION_REPRESENTATION", 2)
+        for number, (definition, shape) in file.list_values("SHAPE_DEFINITION_REPRESENTATION", 2):
             if file.keyword_of(definition, number) == "PRODUCT_DEFINITION_SHAPE":
                 product = file.values(definition, "PRODUCT_DEFINITION_SHAPE", 3, number)[2]
                 if file.keyword_of(product, definition) in _PRODUCTS:
                     self._shapes[product].append(reference_of(file, shape, number))
         self._own = {shape for shapes in self._shapes.values() for shape in shapes}
-        used = {
-            file.part(file.read(number), "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2)[0]
-            for number in file.list_numbers("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION")
-        }
+        used = {relation for _, (relation, _) in file.list_values("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2)}
         for keyword in _LINKS:
             for number in file.list_numbers(keyword):
                 instance = file.read(number)
@@ -118,9 +114,8 @@ class Assembly(Shapes):
     def _relation(self, instance: Instance) -> tuple[Reference, Reference, Any]:
         """Both representations of a relationship with a transformation, and the transformation."""
         file, number = self.file, instance.number
-        first, second = (
-            reference_of(file, each, number) for each in file.part(instance, "REPRESENTATION_RELATIONSHIP", 4)[2:]
-        )
+        ends = file.part(instance, "REPRESENTATION_RELATIONSHIP", 4)[2:]
+        first, second = (reference_of(file, each, number) for each in ends)
         return first, second, file.part(instance, _TRANSFORMED, 1)[0]
 
     def _read_occurrences(self) -> None:
@@ -129,13 +124,11 @@ class Assembly(Shapes):
         self._children: dict[int, list[tuple[int, Reference, str]]] = defaultdict(list)
         self._placements: dict[int, Reference] = {}
         self._placed: set[int] = set()  # products that are in another
-        for number in file.list_numbers("NEXT_ASSEMBLY_USAGE_OCCURRENCE"):
-            values = file.part(file.read(number), "NEXT_ASSEMBLY_USAGE_OCCURRENCE", 6)
+        for number, values in file.list_values("NEXT_ASSEMBLY_USAGE_OCCURRENCE", 6):
             parent, child = (reference_of(file, each, number) for each in values[3:5])
             self._children[parent].append((number, child, _name(values[1]) or _name(values[5])))
             self._placed.add(child)
-        for number in file.list_numbers("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION"):
-            relation, shape = file.part(file.read(number), "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2)
+        for number, (relation, shape) in file.list_values("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2):
             occurrence = file.values(shape, "PRODUCT_DEFINITION_SHAPE", 3, number)[2]
             self._placements.setdefault(reference_of(file, occurrence, number), reference_of(file, relation, number))
 
@@ -155,9 +148,8 @@ class Assembly(Shapes):
     def _walk(self) -> None:
         file = self.file
         products = [Reference(number) for keyword in _PRODUCTS for number in file.list_numbers(keyword)]
-        waiting = [
-            _Visit(product, np.eye(4), (), (), ()) for product in reversed(products) if product not in self._placed
-        ]
+        roots = [product for product in reversed(products) if product not in self._placed]
+        waiting = [_Visit(product, np.eye(4), (), (), ()) for product in roots]
         if not waiting:
             first = products[0] if products else None
             detail = "every product is part of another one" if products else "the file holds no product"
@@ -169,10 +161,8 @@ class Assembly(Shapes):
             part = self._part(visit.product)
             path = (*visit.path, visit.names[0] if visit.names else part.name or "(no name)")
             names = tuple(dict.fromkeys(each for each in (*visit.names, part.name) if each))
-            for name in names:
-                self.frames.append((name, visit.matrix))
-            for name, frame in part.frames:
-                self.frames.append((name, visit.matrix @ frame))
+            self.frames += [(name, visit.matrix) for name in names]
+            self.frames += [(name, visit.matrix @ frame) for name, frame in part.frames]
             for solid in part.solids:
                 own = (solid.name,) if solid.name else ()
                 called = (*names, *own) if len(part.solids) == 1 and (visit.names or not own) else own
@@ -181,14 +171,12 @@ class Assembly(Shapes):
             above = (*visit.above, visit.product)
             for number, child, name in reversed(self._children[visit.product]):
                 if child in above:
-                    raise file.refuse(
-                        number, "cycle", f"{' / '.join(path)[:200]} is a part of itself", "export it anew"
-                    )
+                    detail = f"{' / '.join(path)[:200]} is a part of itself"
+                    raise file.refuse(number, "cycle", detail, "export it anew")
                 if number in self._placements:
                     if number not in places:
                         places[number] = self._place(self._placements[number], visit.product, child)
-                    matrix = visit.matrix @ places[number]
-                    waiting.append(_Visit(child, matrix, (name,) if name else (), path, above))
+                    waiting.append(_Visit(child, visit.matrix @ places[number], (name,) if name else (), path, above))
             count += 1 + len(part.solids) + len(part.frames)
             if count + len(waiting) > MOST_PLACEMENTS or len(above) > MOST_LEVELS:
                 detail = f"{file.name} has more than {MOST_PLACEMENTS} instances, or more than {MOST_LEVELS} levels"
@@ -298,8 +286,7 @@ class Assembly(Shapes):
         _, context = self._representation(shape)
         context = reference_of(self.file, context, shape)
         if context not in self._factors:
-            instance = self.file.read(context, shape)
-            units = instance.parts.get("GLOBAL_UNIT_ASSIGNED_CONTEXT")
+            units = self.file.read(context, shape).parts.get("GLOBAL_UNIT_ASSIGNED_CONTEXT")
             for number in self.file.references(units[0], context) if units else ():
                 unit = self.file.read(number, context)
                 if "LENGTH_UNIT" in unit.parts:
@@ -329,9 +316,8 @@ class Assembly(Shapes):
         if "SI_UNIT" in unit.parts:
             prefix, name = file.part(unit, "SI_UNIT", 2)
             if name != "METRE" or (prefix is not None and prefix not in _PREFIXES):
-                raise file.refuse(
-                    number, "unknown-unit", f"#{number} is no unit of length that is known: {prefix} {name}"
-                )
+                detail = f"#{number} is no unit of length that is known: {prefix} {name}"
+                raise file.refuse(number, "unknown-unit", detail)
             return 1000.0 if prefix is None else 1000.0 * _PREFIXES[prefix]
         name, measure = file.part(unit, "CONVERSION_BASED_UNIT", 2)
         if depth > 3:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,14 +110,16 @@ class Part21:
         self._numbers, self._starts, self._ends = numbers[order], starts[order], ends[order]
         twice = np.flatnonzero(np.diff(self._numbers) == 0)
         if twice.size:
-            number = int(self._numbers[twice[0]])
-            raise self._refuse_at(
-                int(self._starts[twice[0] + 1]), "duplicate-instance", f"#{number} is given twice", "export it anew"
-            )
+            number, start = int(self._numbers[twice[0]]), int(self._starts[twice[0] + 1])
+            raise self._refuse_at(start, "duplicate-instance", f"#{number} is given twice", "export it anew")
 
     def list_numbers(self, keyword: str) -> list[int]:
         """Numbers of the instances of a wanted keyword; a complex one is listed by each of its own."""
         return self._listed[keyword]
+
+    def list_values(self, keyword: str, count: int) -> Iterator[tuple[int, list[Any]]]:
+        """Number and values of each instance of a wanted keyword, of which there are ``count``.  Raises StepError."""
+        return ((number, self.part(self.read(number), keyword, count)) for number in self.list_numbers(keyword))
 
     def describe_encoding(self) -> str:
         """What to know of texts that are not UTF-8, in words; empty where all are."""
@@ -273,9 +275,8 @@ class Part21:
         self._budget -= size
         if self._budget < 0:
             detail = "what the file refers to, again and again, is many times longer than the file itself"
-            raise LimitError(
-                Problem("", "too-much", detail, "export the structure alone", self.name, self.line_of(number))
-            )
+            line = self.line_of(number)
+            raise LimitError(Problem("", "too-much", detail, "export the structure alone", self.name, line))
 
     # --- one instance ------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ import hashlib
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -26,7 +26,7 @@ from ...errors import LimitError, Problem, StepError
 from ...geometry.arrays import Array
 from .assembly import SOLIDS, WANTED, Assembly
 from .part21 import Part21, decode_text
-from .shapes import invert, unit_vector
+from .shapes import invert
 from .tolerances import WANTED_TOLERANCES, StepTolerance, read_tolerances
 
 TOLERANCE_MM = 0.01  # about a diameter that is asked for without one
@@ -96,8 +96,7 @@ def read_step(
     if selection.diameter_mm is None:
         _refuse_several_diameters(candidates, name)
     taken, notes = _drop_repeated([body for body in candidates if not body.reason], name)
-    encoding = file.describe_encoding()
-    if encoding:
+    if encoding := file.describe_encoding():
         notes.append(f"{name}: {encoding}")
     left = [body for body in candidates if body.reason]
     if not taken and selection.pin_class is None:
@@ -108,10 +107,7 @@ def read_step(
     if len(left) > MOST_LISTED:
         notes.append(f"{name}: {len(left) - MOST_LISTED} more bodies were left than are listed")
     labels = _label([body.label for body in taken])
-    bodies = [
-        StepBody(label, body.path, body.position_mm, body.diameter_mm, "")
-        for label, body in zip(labels, taken, strict=True)
-    ] + left[:MOST_LISTED]
+    bodies = [replace(body, label=label) for label, body in zip(labels, taken, strict=True)] + left[:MOST_LISTED]
     unit, factor = assembly.unit
     stated: dict[str, Any] = {"coordinate_unit": unit} if unit not in ("mm", "") else {}
     if not unit:
@@ -144,9 +140,7 @@ def open_assembly(content: bytes, name: str, frame: str | None) -> tuple[Assembl
 
 def _find_bodies(assembly: Assembly, selection: StepSelection, to_con: Array) -> Iterator[StepBody]:
     """Every ball and near miss: taken without a reason, or left with one."""
-    reached = set()
     for body in assembly.bodies:
-        reached.add(body.number)
         named = selection.name is None or any(fnmatchcase(each, selection.name) for each in body.names)
         label = body.names[0] if body.names else ""
         spheres = assembly.spheres(body.number)
@@ -167,6 +161,7 @@ def _find_bodies(assembly: Assembly, selection: StepSelection, to_con: Array) ->
                 yield StepBody(label, body.path, None, None, FREE_FORM)
             elif selection.name is not None:
                 yield StepBody(label, body.path, None, None, "it has no spherical face")
+    reached = {body.number for body in assembly.bodies}
     for keyword in SOLIDS:
         for number in assembly.file.list_numbers(keyword):
             if number not in reached and (spheres := assembly.spheres(number)):
@@ -337,5 +332,6 @@ def _find_axes(assembly: Assembly, pattern: str | None, to_con: Array) -> list[t
 
 def turn_positive(axis: Array) -> Array:
     """An axis as a unit vector whose largest component is positive: which way it points means nothing here."""
-    unit = unit_vector(axis)
+    size = float(np.linalg.norm(axis))
+    unit = axis / size if size > 0 else axis
     return unit if axis[np.argmax(np.abs(axis))] >= 0 else -unit

@@ -55,11 +55,8 @@ class Shapes:
 
     def axis(self, number: int) -> tuple[Array, Array] | None:
         """The point in the middle of a solid's cylindrical faces and their direction, if they are about one axis."""
-        faces = [
-            face
-            for face in self._faces(self._shells(self.file.read(number))[0][0])
-            if face.surface == "CYLINDRICAL_SURFACE"
-        ]
+        outer, _ = self._shells(self.file.read(number))[0]
+        faces = [face for face in self._faces(outer) if face.surface == "CYLINDRICAL_SURFACE"]
         if not faces:
             return None
         frames = [
@@ -124,15 +121,11 @@ class Shapes:
         spheres: list[SphericalSurface] = []
         for shell, flaw in self._shells(solid):
             faces = self._faces(shell)
-            others: list[_Face] = []
             groups: dict[tuple[float, ...], tuple[Array, float, list[_Face]]] = {}
             for face in faces:
-                sphere = self._sphere_of(face)
-                if sphere is None:
-                    others.append(face)
-                    continue
-                groups.setdefault((*np.round(sphere[0], 6), round(sphere[1], 6)), (*sphere, []))[2].append(face)
-            if faces and all(face.surface.startswith(_FREE) or not face.surface for face in others) and not groups:
+                if (sphere := self._sphere_of(face)) is not None:
+                    groups.setdefault((*np.round(sphere[0], 6), round(sphere[1], 6)), (*sphere, []))[2].append(face)
+            if faces and not groups and all(face.surface.startswith(_FREE) or not face.surface for face in faces):
                 self._free_form.add(solid.number)
             for centre, size, own in groups.values():
                 reason = self._describe_flaw(faces, own) or flaw or self._find_gap(centre, size, own)
@@ -241,12 +234,9 @@ class Shapes:
 
     def _triple(self, value: Any, referrer: int) -> Array:
         if not isinstance(value, list) or len(value) != 3:
-            raise self.file.refuse(
-                referrer,
-                "wrong-count",
-                f"a point or direction has 3 coordinates; #{referrer} has not",
-                "export it anew; decimals are written with a point, 1.5",
-            )
+            detail = f"a point or direction has 3 coordinates; #{referrer} has not"
+            cure = "export it anew; decimals are written with a point, 1.5"
+            raise self.file.refuse(referrer, "wrong-count", detail, cure)
         return np.array([self.file.number(item, referrer) for item in value])
 
     def _direction(self, number: Any, otherwise: Sequence[float], referrer: int) -> Array:
@@ -265,17 +255,15 @@ class Shapes:
 
     def operator(self, number: Reference) -> Array:
         """The matrix of a CARTESIAN_TRANSFORMATION_OPERATOR_3D, which can mirror and scale."""
-        instance = self.file.read(number)
-        values = [value for part in instance.parts.values() for value in part]
+        values = [value for part in self.file.read(number).parts.values() for value in part]
         if len(values) < 6:
             detail = f"a transformation operator has two axes, an origin, a scale and an axis; #{number} has not"
             raise self.file.refuse(number, "wrong-count", detail)
         x, y, at, scale, z = values[-5:]
         factor = 1.0 if scale is None else self.file.number(scale, number)
         if factor <= 0:
-            raise self.file.refuse(
-                number, "out-of-range", f"the scale of a transformation is positive; #{number} has {factor:g}"
-            )
+            detail = f"the scale of a transformation is positive; #{number} has {factor:g}"
+            raise self.file.refuse(number, "out-of-range", detail)
         return self._matrix(number, self.point(at, number), z, x, y, factor)
 
     def _matrix(self, number: int, origin: Array, z: Any, x: Any, y: Any, scale: float) -> Array:
@@ -303,15 +291,8 @@ def reference_of(file: Part21, value: Any, referrer: int) -> Reference:
 def is_on_axis(frame: Array, point: Array, axis: Array) -> bool:
     """Whether the z axis of a frame is the line through a point along an axis."""
     z, away = frame[:3, 2], point - frame[:3, 3]
-    return bool(
-        np.linalg.norm(np.cross(z, axis)) < 1e-6
-        and np.linalg.norm(np.cross(z, away)) < 1e-6 + 1e-9 * np.abs(away).max()
-    )
-
-
-def unit_vector(vector: Array) -> Array:
-    size = float(np.linalg.norm(vector))
-    return vector / size if size > 0 else vector
+    parallel = np.linalg.norm(np.cross(z, axis)) < 1e-6
+    return bool(parallel and np.linalg.norm(np.cross(z, away)) < 1e-6 + 1e-9 * np.abs(away).max())
 
 
 def invert(matrix: Array) -> Array:

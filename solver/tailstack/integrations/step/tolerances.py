@@ -118,10 +118,8 @@ def _doubt_sizes(found: Sequence[StepTolerance], name: str) -> list[str]:
         own = [face.radius_mm for face in each.faces if face.surface == "cylinder"]
         times = {"diameter": 2.0, "radius": 1.0}.get(each.kind, 0.0)
         if own and times and each.value is not None and abs(times * own[0] - each.value) > LIKE * abs(each.value):
-            drawn = f"its face has {times * own[0]:g} mm"
-            said.append(
-                f"{name}: #{each.number} says {each.kind} {each.value:g} mm, {drawn}: check units and tolerances"
-            )
+            stated = f"{name}: #{each.number} says {each.kind} {each.value:g} mm"
+            said.append(f"{stated}, its face has {times * own[0]:g} mm: check units and tolerances")
     return said
 
 
@@ -299,8 +297,7 @@ class _Reader:
         else:
             middle, extents, along = _span(frame, vertices, scale)
         turn = matrix[:3, :3] / scale
-        at = _place(matrix, middle)
-        return StepFace(number, surface, at, turn @ axis, radius * scale, extents, turn @ along)
+        return StepFace(number, surface, _place(matrix, middle), turn @ axis, radius * scale, extents, turn @ along)
 
 
 def _span(frame: Array, vertices: Array, scale: float) -> tuple[Array, tuple[float, float], Array]:

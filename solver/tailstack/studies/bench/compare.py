@@ -105,11 +105,9 @@ def _state_assumptions(read: Measurements, instrument_sd_mm: float) -> tuple[Fin
         "are drawn anew at each installation, noise, repeatability and load at each trial"
     )
     notes = [Finding("one-structure", "note", message)]
-    if read.form != "summary" and not read.states_installations:
-        message = "no column installation: the trials of a level are taken as one installation, mounted once"
-        notes.append(Finding("one-installation", "note", message))
-    if read.form == "summary":
-        message = "summary statistics: the trials of a level are taken as one installation, mounted once"
+    if read.form == "summary" or not read.states_installations:
+        known = "summary statistics" if read.form == "summary" else "no column installation"
+        message = f"{known}: the trials of a level are taken as one installation, mounted once"
         notes.append(Finding("one-installation", "note", message))
     stated = [group for group in read.groups if group.deliberate is not None]
     if len({group.level for group in read.groups}) > 1 and not stated:
@@ -126,8 +124,7 @@ def _state_assumptions(read: Measurements, instrument_sd_mm: float) -> tuple[Fin
 
 def _adjust_p_values(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ...]:
     """p-values of all tests of the file adjusted for their number, and what each test says."""
-    raw = [test.p_value for level in levels for test in level.tests]
-    adjusted = iter(holm(raw))
+    adjusted = iter(holm([test.p_value for level in levels for test in level.tests]))
     compared = []
     for level in levels:
         tests = []
@@ -168,9 +165,8 @@ def describe_test(level: LevelCompared, test: TestName, differs: bool) -> str:
         return "the largest tenth is " + ("not " if differs else "") + "as such a bench would give"
     spread = level.spread if test == "spread" else level.spread_between
     what = "the spread from trial to trial" if test == "spread" else "the spread between installations"
-    if not differs:
-        return f"{what} cannot be told from the prediction{_write_ratio(spread)}"
-    return f"{what} is not as predicted{_write_ratio(spread)}"
+    found = "is not as predicted" if differs else "cannot be told from the prediction"
+    return f"{what} {found}{_write_ratio(spread)}"
 
 
 def _measure_excess(value: float, ends: Interval) -> float:

@@ -99,9 +99,8 @@ def _groups(table: MeasurementTable, rows: Sequence[MeasuredRow], targets: Seque
             key = (level, target, row.labels.get("installation"), row.labels["trial"])
             if key in seen:
                 detail = f"this trial is in line {seen[key]} already"
-                raise refusal(
-                    table.name, row.line, "given-twice", detail, "trials of one level, installation and target differ"
-                )
+                hint = "trials of one level, installation and target differ"
+                raise refusal(table.name, row.line, "given-twice", detail, hint)
             seen[key] = row.line
         by_key.setdefault((level, target), []).append(row)
     _one_deliberate(table, rows)
@@ -126,11 +125,10 @@ def _one_deliberate(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> Non
     """A level is one installation error, at every target."""
     first: dict[str, MeasuredRow] = {}
     for row in rows:
-        known = first.setdefault(row.labels.get("level", "all"), row)
+        level = row.labels.get("level", "all")
+        known = first.setdefault(level, row)
         if known.deliberate != row.deliberate:
-            detail = (
-                f"level {shown(row.labels.get('level', 'all'))} has another installation error in line {known.line}"
-            )
+            detail = f"level {shown(level)} has another installation error in line {known.line}"
             raise refusal(table.name, row.line, "contradiction", detail, "one level, one installation error")
 
 
@@ -149,15 +147,11 @@ def _summary_group(table: MeasurementTable, level: str, target: str, rows: Seque
 
 def _trials_group(table: MeasurementTable, level: str, target: str, rows: Sequence[MeasuredRow]) -> Group:
     if not LEAST_TRIALS <= len(rows) <= MOST_TRIALS:
-        few = len(rows) < LEAST_TRIALS
-        bound = f"at least {LEAST_TRIALS}" if few else f"at most {MOST_TRIALS:,}"
-        detail = f"level {shown(level)} at target {shown(target)} has {len(rows)} trials; {bound} are needed"
-        raise refusal(
-            table.name,
-            rows[-1].line,
-            "too-few-trials" if few else "too-many",
-            detail.replace("are needed", "are needed" if few else "are read"),
-        )
+        code, bound = "too-many", f"at most {MOST_TRIALS:,} are read"
+        if len(rows) < LEAST_TRIALS:
+            code, bound = "too-few-trials", f"at least {LEAST_TRIALS} are needed"
+        detail = f"level {shown(level)} at target {shown(target)} has {len(rows)} trials; {bound}"
+        raise refusal(table.name, rows[-1].line, code, detail)
     names = list(dict.fromkeys(row.labels.get("installation", "1") for row in rows))
     ordered = [row for name in names for row in rows if row.labels.get("installation", "1") == name]
     values = np.array([row.values for row in ordered])
@@ -258,9 +252,8 @@ class MeasurementTable:
                 headings[place] = f"{stem}_{unit}"
         used = [cell for cell, own in zip(headings, text.header, strict=True) if own not in numberings]
         form = _form(name, at, header, used)
-        columns, unit = _columns(
-            name, at, headings, form, {k for k, own in enumerate(text.header) if own in numberings}
-        )
+        passed = {place for place, own in enumerate(text.header) if own in numberings}
+        columns, unit = _columns(name, at, headings, form, passed)
         heads = {stem: headings[place] for stem, place in columns.items()}
         return cls(name, at, columns, heads, form, unit, text, numberings)
 
@@ -307,8 +300,7 @@ class MeasurementTable:
         if max(map(abs, values)) > FARTHEST_MM:
             detail = f"a length of more than {FARTHEST_MM / 1000:g} m: {max(values, key=abs):g} mm"
             raise refusal(self.name, line, "out-of-range", detail, "is the unit in the header the right one?")
-        signed = self.form in ("points", "vectors")
-        if not signed and min(values) < 0:
+        if self.form in ("norms", "summary") and min(values) < 0:
             axis = self.heads[AXES[self.form][int(np.argmin(values))]]
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
         deliberate = self._deliberate(cells, line)
@@ -400,9 +392,8 @@ def _form(name: str, line: int, header: str, headings: Sequence[str]) -> Form:
         form, axes = partial[0]
         missing = [f"{axis}_mm" for axis in axes if axis not in stems]
         raise refusal(name, line, "csv-header", f"column {missing[0]} is missing", f"for example {EXAMPLES[form]}")
-    raise refusal(
-        name, line, "csv-header", f"this header names no measured quantity: {shown(header)}", f"one of: {known}"
-    )
+    detail = f"this header names no measured quantity: {shown(header)}"
+    raise refusal(name, line, "csv-header", detail, f"one of: {known}")
 
 
 def _columns(name: str, line: int, headings: Sequence[str], form: Form, passed: set[int]) -> tuple[dict[str, int], str]:

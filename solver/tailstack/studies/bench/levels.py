@@ -226,9 +226,8 @@ def describe_bench(
         norms = np.linalg.norm(vectors, axis=1)
     if box.shape[1] and vectors is None:
         detail = "error norms cannot be held against components without a law (distribution: bounded)"
-        raise OutOfRangeError(
-            Problem("/interfaces", "bounded", detail, "give the components a distribution, or measure points")
-        )
+        hint = "give the components a distribution, or measure points"
+        raise OutOfRangeError(Problem("/interfaces", "bounded", detail, hint))
     return Bench(group, here, place, model, expect(model, error, instrument_sd_mm), vectors, norms, sizes, box, reason)
 
 
