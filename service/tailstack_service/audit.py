@@ -399,20 +399,15 @@ def _read(text: bytes, file: str, first_line: int) -> ReadResult:
             raise RequestError(Problem("/schema", "bad-result", detail, "give a report or a result of tailstack"))
         return result_of(source, schema, file)
     except (DesignError, RequestError) as error:
-        problems = [_give_hint(problem, of_design=isinstance(error, DesignError)) for problem in error.problems]
-        raise RequestError([_shift_lines(problem, file, first_line) for problem in problems]) from None
+        of_design = isinstance(error, DesignError)
+        raise RequestError([_place_in_file(each, file, first_line, of_design) for each in error.problems]) from None
 
 
-def _give_hint(problem: Problem, *, of_design: bool) -> Problem:
-    """What to do about a file that holds no result; the cures of a design's slips do not help there."""
-    if problem.hint and not of_design:
-        return problem
-    return replace(problem, hint="give a file that tailstack report wrote, or a result")
-
-
-def _shift_lines(problem: Problem, file: str, first_line: int) -> Problem:
+def _place_in_file(problem: Problem, file: str, first_line: int, of_design: bool) -> Problem:
+    """At its line of the file, with what to do: the cures of a design's slips do not help there."""
     line = None if problem.line is None or first_line == 0 else problem.line + first_line - 1
-    return replace(problem, file=file, line=line, column=None if line is None else problem.column)
+    hint = ("" if of_design else problem.hint) or "give a file that tailstack report wrote, or a result"
+    return replace(problem, file=file, line=line, column=None if line is None else problem.column, hint=hint)
 
 
 def _no_record(file: str, wanted: str, count: int) -> RequestError:
@@ -440,12 +435,26 @@ def _inflate(packed: bytes) -> bytes:
 
 
 def _from_xlsx(content: bytes, file: str) -> bytes:
+    """What stands in the first column of its sheet, below the heading."""
     parts = unpack_streams(content, file)
-    cells = sheet_cells(parts, RECORD_SHEET)
-    if cells is None:
+    book = parts.get("xl/workbook.xml", b"").decode("utf-8", "replace")
+    names = [unescape(each) for each in re.findall(r'<sheet name="([^"]*)"', book)]  # the first is in sheet1.xml
+    if RECORD_SHEET not in names:
         raise _no_record(file, f"a spreadsheet of tailstack has one sheet {RECORD_SHEET!r}", 0)
-    rows = sorted((row, text) for (column, row), text in cells.items() if column == "A" and row > 1)
-    return "".join(text for _, text in rows).encode()
+    shared = [
+        _plain("".join(_TEXT.findall(entry)))
+        for entry in _SHARED.findall(parts.get("xl/sharedStrings.xml", b"").decode("utf-8", "replace"))
+    ]
+    page = parts.get(f"xl/worksheets/sheet{names.index(RECORD_SHEET) + 1}.xml", b"").decode("utf-8", "replace")
+    rows = {}
+    for column, row, attributes, inside in _CELL.findall(page):
+        value = re.search(r"<v>(.*?)</v>", inside or "", re.DOTALL)
+        text = value.group(1) if value else ""
+        if 't="s"' in attributes and text.isdecimal() and int(text) < len(shared):
+            text = shared[int(text)]
+        if column == "A" and int(row) > 1:
+            rows[int(row)] = text
+    return "".join(text for _, text in sorted(rows.items())).encode()
 
 
 def unpack_streams(content: bytes, file: str) -> dict[str, bytes]:
@@ -456,30 +465,8 @@ def unpack_streams(content: bytes, file: str) -> dict[str, bytes]:
                 raise zipfile.BadZipFile("it is too large")
             return {part.filename: archive.read(part) for part in archive.infolist()}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise RequestError(
-            Problem("", "bad-result", f"the spreadsheet cannot be unpacked: {error}", "", file)
-        ) from None
-
-
-def sheet_cells(parts: dict[str, bytes], name: str) -> dict[tuple[str, int], str] | None:
-    """Texts and numbers as texts, by column and row; None without such a sheet."""
-    book = parts.get("xl/workbook.xml", b"").decode("utf-8", "replace")
-    names = [unescape(each) for each in re.findall(r'<sheet name="([^"]*)"', book)]  # the first is in sheet1.xml
-    if name not in names:
-        return None
-    shared = [
-        _plain("".join(_TEXT.findall(entry)))
-        for entry in _SHARED.findall(parts.get("xl/sharedStrings.xml", b"").decode("utf-8", "replace"))
-    ]
-    page = parts.get(f"xl/worksheets/sheet{names.index(name) + 1}.xml", b"").decode("utf-8", "replace")
-    cells = {}
-    for column, row, attributes, inside in _CELL.findall(page):
-        value = re.search(r"<v>(.*?)</v>", inside or "", re.DOTALL)
-        text = value.group(1) if value else ""
-        if 't="s"' in attributes and text.isdecimal() and int(text) < len(shared):
-            text = shared[int(text)]
-        cells[column, int(row)] = text
-    return cells
+        detail = f"the spreadsheet cannot be unpacked: {error}"
+        raise RequestError(Problem("", "bad-result", detail, "", file)) from None
 
 
 def _plain(text: str) -> str:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).with_name("first_design.yaml.in")
 LENGTH_FIELDS = ("source_isocentre_mm", "pixel_mm")  # of a preset, stated where its source does not state them
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,15 +24,12 @@ class Wishes:
     preset: str
     fiducials: int
     size_mm: float
-    target: tuple[float, float, float]
+    target: Point
     limit_mm: float
     noise_px: float
     source_isocentre_mm: float | None
     pixel_mm: float | None
     unstated: frozenset[str] = frozenset()  # fields of these that nobody answered
-
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +46,13 @@ CORNERS = ((-1, -1, -1), (1, 1, 1), (-1, 1, 1), (1, -1, -1), (1, -1, 1), (-1, 1,
 CANDIDATES = 200  # for each fiducial
 
 
-def spread_fiducials(count: int, size_mm: float) -> list[tuple[float, float, float]]:
+def spread_fiducials(count: int, size_mm: float) -> list[Point]:
     """So many points in a cube about the origin: near the corners first, opposite ones in turn, then inside.
 
     Of the candidates for each that one is taken whose images are farthest from those of the points before, seen along
     x and along y, where the views look.
     """
-    points: list[tuple[float, float, float]] = []
+    points: list[Point] = []
     for index in range(count):
         candidates = []
         for at in range(index * CANDIDATES, (index + 1) * CANDIDATES):
@@ -69,7 +67,7 @@ def spread_fiducials(count: int, size_mm: float) -> list[tuple[float, float, flo
     return points
 
 
-def closest_images(point: tuple[float, float, float], others: list[tuple[float, float, float]]) -> float:
+def closest_images(point: Point, others: list[Point]) -> float:
     """How far a point is from the others at least, seen along x or y."""
     x, y, z = point
     return min((hypot(min(abs(x - a), abs(y - b)), z - c) for a, b, c in others), default=0.0)

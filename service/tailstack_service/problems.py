@@ -11,11 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tailstack.errors import (
-    LimitError,
-    Problem,
-    TailstackError,
-)
+from tailstack.errors import LimitError, Problem, TailstackError
 
 from .environment import variable
 

@@ -81,10 +81,7 @@ class Settings(BaseSettings):
     keep_days: float = _number(30.0, 0.001, 36_500, "days for which finished jobs, their results and designs are kept")
     audit_days: float = _number(365.0, 1, 36_500, "days for which entries of the audit log are kept")
     max_kept_designs: int = _number(
-        200,
-        0,
-        100_000,
-        "designs that a tenant sent last and can name by their SHA-256; 0: none",
+        200, 0, 100_000, "designs that a tenant sent last and can name by their SHA-256; 0: none"
     )
     worker_processes: int = _number(usable_cores(), 1, 256, "computing processes of one worker (engine pool)")
     lease_seconds: float = _number(15.0, 1, 3_600, "seconds after which a silent worker's units are given to another")

@@ -27,7 +27,6 @@ def find_manual() -> Path:
 
 
 def example_folder() -> Path:
-    """Where they are."""
     return find_shipped("example_files", "examples")
 
 

@@ -43,7 +43,6 @@ BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
 LEAST_PLAIN = -1e28  # numbers below it may be a mark of NDI's
 
-
 Column = Sequence[Any]
 
 
@@ -99,15 +98,13 @@ class TableReader:
 
         What ``float`` takes beyond that: underscores, digits of other scripts, and words.
         """
-        if self.text is None:
-            if not all(type(cell) is float or type(cell) is int for cell in cells):
-                return []
+        if self.text is None and not all(type(cell) is float or type(cell) is int for cell in cells):
+            return []
+        try:
             values = list(map(float, cells))
-        else:
-            try:
-                values = list(map(float, cells))
-            except ValueError:
-                return []
+        except ValueError:
+            return []
+        if self.text is not None:
             together = "".join(cells)
             if not together.isascii() or "_" in together:
                 return []
@@ -276,9 +273,8 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RequestError(
-            Problem("", "bad-table", f"this cannot be read as {form}: {reason[:200]}", hint, file)
-        ) from None
+        detail = f"this cannot be read as {form}: {reason[:200]}"
+        raise RequestError(Problem("", "bad-table", detail, hint, file)) from None
 
 
 def _read_arrow(stream: IO[bytes], file: str | None) -> TableReader:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 
 from ..console.command_line import NOT_EVALUATED, PASS, Answer, add_database, read_settings
 
@@ -12,10 +13,8 @@ HELP = "migrate or check the database of jobs"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    migrate = actions.add_parser("migrate", help="create the tables, or bring them to this version", allow_abbrev=False)
-    check = actions.add_parser(
-        "check", help="look at every job, unit and result; exit code 3 if one is wrong", allow_abbrev=False
-    )
+    migrate = actions.add_parser("migrate", help="create the tables, or bring them to this version")
+    check = actions.add_parser("check", help="look at every job, unit and result; exit code 3 if one is wrong")
     for action in (migrate, check):
         add_database(action)
 
@@ -36,11 +35,8 @@ def _check(url: str) -> Answer:
     from ..jobs.store import upkeep
     from ..jobs.store.database import connect
 
-    db = connect(url, read_only=True)
-    try:
+    with closing(connect(url, read_only=True)) as db:
         checks = upkeep.check_database(db)
-    finally:
-        db.close()
     lines = [f"{'ok  ' if entry.ok else 'FAIL'}  {entry.name}: {entry.detail}\n" for entry in checks]
     sound = all(entry.ok for entry in checks)
     lines.append(f"{_hide_password(url)}: {'sound' if sound else 'not sound'}\n")

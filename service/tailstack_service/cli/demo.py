@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def demo_text() -> str:
-    """The demo design."""
     return (example_folder() / NAME).read_text(encoding="utf-8")
 
 
@@ -80,10 +79,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     design = design_to_data(load_design(demo_text()))
     announce("starting the service on a free loopback port, a worker beside it")
-    with (
-        progress,
-        running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port),
-    ):
+    with progress, running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port):
         service = RemoteService(f"http://{host}:{port}", key="")
         compute = partial(compute_remotely, service, report=follow)
         wait_until_ready(service, announce)
@@ -130,9 +126,7 @@ def wait_until_ready(
             service.ask("GET", "/health/ready")
             return
         except RemoteError as error:
-            if clock.monotonic() - begun > seconds:
-                raise
-            if error.status != 503:
+            if clock.monotonic() - begun > seconds or error.status != 503:
                 raise
         if clock.monotonic() > next_word:
             first = next_word == begun + FIRST_WORD_SECONDS
@@ -161,8 +155,8 @@ def summary_text(before: Verification, after: Verification, result: Optimisation
 
 def _change_lines(result: Optimisation) -> Iterator[str]:
     """What the optimiser changed: how many fiducials and how far, each interface's half-widths, the cost."""
-    pairs = [(e.before_mm, e.after_mm) for e in result.moved if e.before_mm and e.after_mm]
-    distances = [distance for distance in (dist(*pair) for pair in pairs) if distance]
+    pairs = ((each.before_mm, each.after_mm) for each in result.moved)
+    distances = [distance for old, new in pairs if old and new and (distance := dist(old, new))]
     if distances:
         line = f"changed: {len(distances)} fiducials moved, by {min(distances):.0f} to {max(distances):.0f} mm"
         if result.cost_before and result.moves is not None and result.moves.objective_left is not None:

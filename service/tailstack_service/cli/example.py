@@ -8,14 +8,13 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from shlex import quote
 
 from tailstack.errors import Problem
 
 from ..console.command_line import Answer, program, suggest
-from ..console.files import replace_file, writable
+from ..console.files import writable, write_and_tell
 from ..operations.editors import write_document
 from ..problems import RequestError
 from ..shipped import example_folder, list_example_designs, list_examples, write_example
@@ -62,16 +61,16 @@ def _write_design(source: Path, target: Path, *, force: bool) -> str:
     refuse_overwriting([target, *(target.parent / part for part in parts)], force=force)
     for part in parts:
         (target.parent / part).parent.mkdir(parents=True, exist_ok=True)
-        replace_file(target.parent / part, (source.parent / part).read_bytes())
-        print(f"wrote {target.parent / part}", file=sys.stderr)
+        write_and_tell(target.parent / part, (source.parent / part).read_bytes())
     write_document(target, source.read_text(encoding="utf-8"))
     print(f"wrote {target}", file=sys.stderr)
     return f"next: {program()} score {quote(str(target))}\n"
 
 
 def _write_folder(source: Path, target: Path, *, force: bool) -> str:
-    """Every file of a folder."""
-    names = [path.relative_to(source) for path in _files(source)]
+    """Every file of a folder but what is of no use to others: scripts that made examples, and Python's own files."""
+    files = (path for path in sorted(source.rglob("*")) if path.is_file() and path.suffix != ".pyc")
+    names = [path.relative_to(source) for path in files if not path.name.startswith("make_")]
     refuse_overwriting([target / name for name in names], force=force)
     for name in names:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
@@ -81,12 +80,6 @@ def _write_folder(source: Path, target: Path, *, force: bool) -> str:
             shutil.copyfile(source / name, target / name)
         print(f"wrote {target / name}", file=sys.stderr)
     return ""
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    """What is of use to others: not the scripts that made examples, nor what Python keeps beside modules."""
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    yield from (path for path in files if path.suffix != ".pyc" and not path.name.startswith("make_"))
 
 
 def refuse_overwriting(paths: list[Path], *, force: bool) -> None:

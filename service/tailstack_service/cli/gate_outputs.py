@@ -19,7 +19,7 @@ from pathlib import Path
 from tailstack.errors import Problem, TailstackError
 from tailstack.version import __version__
 
-from ..console.files import Staged, append, is_stream, stage
+from ..console.files import Staged, append, is_stream, replace_file, stage
 from ..gate.reading import make_finding
 from ..gate.records import GateFinding, GateProvenance, GateRecord, record_unread
 from .gate_files import Anchors
@@ -82,14 +82,10 @@ class Outputs:
         """Write a record that says what could not be written wherever it can be; a file where it cannot is removed."""
         for name, file in self.usable:
             with _note([], file, remove=True):
-                if is_stream(file):
-                    append(file, self.render(name, record))
-                else:
-                    stage(file, self.render(name, record)).put()
+                replace_file(Path(file), self.render(name, record))
         self.summary(record)
 
     def stdout(self, record: GateRecord) -> str | bytes:
-        """What goes to stdout."""
         from ..gate.text import render_text
 
         name = self.on_stdout
@@ -98,14 +94,12 @@ class Outputs:
         return "" if name is None else self.render(name, record)
 
     def render(self, name: str, record: GateRecord) -> bytes:
-        """A record in a format."""
         from ..gate.formats import render
 
         return render(record, name, self.anchors.name_from_root)
 
     @property
     def on_stdout(self) -> str | None:
-        """The format on stdout."""
         return next((name for name, file in self.formats if file is None), None)
 
     def summary(self, record: GateRecord) -> list[Problem]:

@@ -24,21 +24,18 @@ if TYPE_CHECKING:
 HELP = "jobs of a running service: list, show, follow, cancel"
 PAGE = 200
 # What to type after a refusal of one job, by its class
-HINTS = {
-    "not-found": "tailstack jobs list shows the ids of yours",
-    "finished": "tailstack jobs show {id}",
-}
+HINTS = {"not-found": "tailstack jobs list shows the ids of yours", "finished": "tailstack jobs show {id}"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    list_ = actions.add_parser("list", help="jobs, newest first", allow_abbrev=False)
+    list_ = actions.add_parser("list", help="jobs, newest first")
     list_.add_argument("--state", choices=get_args(State), help="only jobs in this state")
     list_.add_argument("--kind", choices=KINDS, help="only jobs of this kind")
     list_.add_argument("--limit", type=whole(1), default=50, metavar="N", help="at most N (default %(default)s)")
-    show = actions.add_parser("show", help="one job in full", allow_abbrev=False)
-    follow = actions.add_parser("follow", help="progress until the job ends, also across restarts", allow_abbrev=False)
-    cancel = actions.add_parser("cancel", help="stop a job; nothing of it is recorded any more", allow_abbrev=False)
+    show = actions.add_parser("show", help="one job in full")
+    follow = actions.add_parser("follow", help="progress until the job ends, also across restarts")
+    cancel = actions.add_parser("cancel", help="stop a job; nothing of it is recorded any more")
     for action in (show, follow, cancel):
         action.add_argument("id", metavar="ID", help="as tailstack jobs list shows it")
     for action in (list_, show, follow, cancel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -23,20 +24,18 @@ ACTIONS = ("key-created", "key-revoked", "key-used", "policy-changed")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    create = actions.add_parser("create", help="make a key; its secret is printed once", allow_abbrev=False)
+    create = actions.add_parser("create", help="make a key; its secret is printed once")
     create.add_argument("--tenant", metavar="T", required=True, help="whose jobs it reaches")
     create.add_argument("--name", metavar="N", required=True, help="who or what uses it, for the list")
     words = "read, compute or metrics; may be repeated (default: read and compute)"
     create.add_argument("--scope", action="append", metavar="S", help=words)
     create.add_argument("--days", type=float, default=365.0, metavar="D", help="good for D days (default %(default)g)")
-    list_ = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
+    list_ = actions.add_parser("list", help="every key, without secrets")
     list_.add_argument("--tenant", metavar="T", help="only this tenant's")
     list_.add_argument("--json", action="store_true", help="as JSON")
-    revoke = actions.add_parser("revoke", help="refuse a key from now on", allow_abbrev=False)
+    revoke = actions.add_parser("revoke", help="refuse a key from now on")
     revoke.add_argument("id", metavar="ID", help="as tailstack keys list shows it, or the secret itself")
-    log = actions.add_parser(
-        "log", help="who made, revoked or first used keys, and changed policies of gates", allow_abbrev=False
-    )
+    log = actions.add_parser("log", help="who made, revoked or first used keys, and changed policies of gates")
     log.add_argument("--tenant", metavar="T", help="only what concerns this tenant")
     log.add_argument("--action", dest="only", metavar="A", choices=ACTIONS, help=f"only {', '.join(ACTIONS)}")
     log.add_argument("--days", type=float, default=30.0, metavar="D", help="of the last D days (default %(default)g)")
@@ -47,11 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    db = _open(read_settings(arguments).database_url, reads=arguments.action in ("list", "log"))
-    try:
+    with closing(_open(read_settings(arguments).database_url, reads=arguments.action in ("list", "log"))) as db:
         return {"create": _create, "list": _list, "revoke": _revoke, "log": _log}[arguments.action](db, arguments)
-    finally:
-        db.close()
 
 
 def _open(url: str, *, reads: bool) -> Database:

@@ -65,8 +65,6 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
         prog=program(),
         description="Tolerance stack-up of X-ray reference structures: where the tool ends up, and what to change.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument(
         "-V", "--version", action="version", version=f"{INSTALLED} {__version__}", help="print the version"
@@ -76,13 +74,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     for verb_name in verbs() if verb is None else (verb,):
         if verb_name in OWN:
             module = import_module(f"{__package__}.{verb_name.replace('-', '_')}")
-            own = parsers.add_parser(
-                verb_name,
-                help=module.HELP,
-                description=module.__doc__,
-                formatter_class=argparse.RawDescriptionHelpFormatter,
-                allow_abbrev=False,
-            )
+            own = parsers.add_parser(verb_name, help=module.HELP, description=module.__doc__)
             module.add_arguments(own)
             own.set_defaults(run=module.run)
         else:

@@ -6,8 +6,10 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
+from tailstack.extras import require_extras
+
 from ..console.command_line import Answer, add_details, add_json, read_design, whole
-from ..console.files import writable_figure, write_figure
+from ..console.files import writable, write_and_tell
 from ..console.flags import add_flags
 from ..console.progress import Progress
 from ..documents import to_json
@@ -25,7 +27,7 @@ def add_verb(parsers: Parsers, verb: str) -> None:
     if verb not in FAMILIES:
         _add_operation(parsers, verb, operations_of(verb)[0])
         return
-    family = parsers.add_parser(verb, help=FAMILIES[verb], description=FAMILIES[verb], allow_abbrev=False)
+    family = parsers.add_parser(verb, help=FAMILIES[verb], description=FAMILIES[verb])
     members = family.add_subparsers(dest=verb, metavar=verb.upper(), required=True)
     for operation in operations_of(verb):
         _add_operation(members, operation.verb.partition(" ")[2], operation)
@@ -36,8 +38,6 @@ def _add_operation(parsers: Parsers, name: str, operation: Operation) -> None:
         name,
         help=operation.summary[0].lower() + operation.summary[1:],
         description=sys.modules[operation.options.__module__].__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     if operation.command is None:
         add_arguments(parser, operation)
@@ -80,15 +80,17 @@ def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
 
     options = operation.options.of_flags(arguments)
     choice = _choose_target(arguments, designs[0]) if operation.target else ()
-    name = getattr(arguments, "figure", None)
-    file = None if name is None else writable_figure(name)
+    file = None
+    if getattr(arguments, "figure", None) is not None:
+        require_extras("report")  # or nothing can draw it
+        file = writable(arguments.figure, (".svg",))
     with Progress(operation.verb) as progress:
         call = Call(designs, options, getattr(arguments, "threads", None), progress.report, typed=True)
         if file is not None and operation.figure is not None:
             operation.figure.check(call)
         record = operation.run(call)
     if file is not None and operation.figure is not None:
-        write_figure(file, operation.figure.draw(record, *choice))
+        write_and_tell(file, operation.figure.draw(record, *choice))
     code = operation.exit_code(record)
     if arguments.json:
         return Answer(to_json(record), code)

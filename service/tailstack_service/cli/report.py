@@ -209,7 +209,14 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
 
 def _as_design(given: ReadResult | bytes | Path, file: str) -> Design:
     """A design, or the one that a result holds.  Raises RequestError."""
-    return _design(given) if isinstance(given, bytes | Path) else _held_design(given, file)
+    from tailstack.design import load_design
+
+    if isinstance(given, bytes | Path):
+        return _design(given)
+    if given.kind not in ("report", "optimisation"):
+        detail = f"a {given.kind} does not hold the design that it is of"
+        _refuse("missing-design", detail, "give the design document", file)
+    return load_design(given.record.design, allow_files=False)
 
 
 def _version_of(design: Design, name: str, file: str) -> Design:
@@ -228,15 +235,6 @@ def _version_of(design: Design, name: str, file: str) -> Design:
         problem = error.problems[0]
         detail = f"version {name!r} is no design: {problem.pointer or 'the text'}: {problem.detail}"
         _refuse("bad-version", detail, problem.hint, file)
-
-
-def _held_design(result: ReadResult, file: str) -> Design:
-    from tailstack.design import load_design
-
-    if result.kind not in ("report", "optimisation"):
-        detail = f"a {result.kind} does not hold the design that it is of"
-        _refuse("missing-design", detail, "give the design document", file)
-    return load_design(result.record.design, allow_files=False)
 
 
 def _verify(arguments: argparse.Namespace) -> Answer:

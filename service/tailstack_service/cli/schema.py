@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from tailstack.errors import Problem
 
 from ..console.command_line import Answer
-from ..console.files import replace_file, writable
+from ..console.files import writable, write_and_tell
 from ..documents import DRAFTS
 from ..operations.editors import schema_file, schema_text
 from ..problems import RequestError
@@ -31,20 +30,18 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..schemas import TITLES, json_schema
 
-    names = TITLES
     if arguments.name is None:
         if arguments.output is not None:
             hint = f"for example tailstack schema design --draft 7 -o {arguments.output}"
             raise RequestError(Problem("", "missing-parameter", "-o writes one schema; none is named", hint))
-        return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
-    if arguments.name not in names:
-        hint = f"{ask_label(arguments.name, names)} one of {', '.join(names)}".strip()
+        return Answer("".join(f"{name:<18}{words}\n" for name, words in TITLES.items()))
+    if arguments.name not in TITLES:
+        hint = f"{ask_label(arguments.name, TITLES)} one of {', '.join(TITLES)}".strip()
         raise RequestError(Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", hint))
     text = schema_text(json_schema(arguments.name, arguments.draft))
     if arguments.output is None:
         return Answer(text.encode())
     target = Path(arguments.output)
     path = writable(str(target / schema_file(arguments.name) if target.is_dir() else target), (".json",))
-    replace_file(path, text)
-    print(f"wrote {path}", file=sys.stderr)
+    write_and_tell(path, text)
     return Answer("")

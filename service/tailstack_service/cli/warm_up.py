@@ -10,7 +10,6 @@ HELP = "compile kernels ahead"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """For which verbs."""
     words = "what these verbs call, such as score,gate (default: what any of them calls)"
     parser.add_argument("--for", dest="verbs", metavar="VERB,...", type=_verbs, default=("demo",), help=words)
 
@@ -26,7 +25,6 @@ def _verbs(text: str) -> tuple[str, ...]:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    """Compile, and say what is there now."""
     from ..console.compilation import compile_for, describe_calls
 
     count = compile_for(arguments.verbs)

@@ -92,6 +92,11 @@ class Parser(argparse.ArgumentParser):
 
     find_verbs: Callable[[str], list[str]] = staticmethod(lambda flag: [])  # that have a flag
 
+    def __init__(self, **named: Any) -> None:
+        named.setdefault("allow_abbrev", False)
+        named.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(**named)
+
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
 
@@ -206,7 +211,7 @@ def coloured_output() -> bool:
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
-def whole(low: int, high: int | None = None) -> type:
+def whole(low: int, high: int | None = None) -> Any:
     """An argparse type: a whole number in a range, written 1000000, 1_000_000 or 1e6."""
 
     def convert(text: str) -> int:
@@ -218,7 +223,7 @@ def whole(low: int, high: int | None = None) -> type:
             raise argparse.ArgumentTypeError(f"expected {wanted}; got {text}")
         return int(value)
 
-    return convert  # type: ignore[return-value]
+    return convert
 
 
 def number(bounds: dict[str, Any]) -> Any:

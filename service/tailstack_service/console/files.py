@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import IO
 
 from tailstack.errors import Problem
-from tailstack.extras import require_extras
 
 from ..problems import RequestError
 
@@ -95,6 +94,12 @@ def replace_file(path: Path, content: str | bytes) -> None:
         stage(str(path), encoded).put()
 
 
+def write_and_tell(path: Path, content: str | bytes) -> None:
+    """The same, and a line on stderr that says so.  Raises OSError."""
+    replace_file(path, content)
+    print(f"wrote {path}", file=sys.stderr)
+
+
 def writable(name: str, endings: tuple[str, ...]) -> Path:
     """A path for a new file, refused before the work and not after it.  Raises RequestError."""
     path = Path(name)
@@ -109,18 +114,6 @@ def writable(name: str, endings: tuple[str, ...]) -> Path:
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
     return path
-
-
-def writable_figure(name: str) -> Path:
-    """Where a new figure goes.  Raises RequestError; MissingExtraError where nothing can draw it."""
-    require_extras("report")
-    return writable(name, (".svg",))
-
-
-def write_figure(path: Path, svg: str) -> None:
-    """Write it and say so on stderr.  Raises OSError."""
-    replace_file(path, svg)
-    print(f"wrote {path}", file=sys.stderr)
 
 
 def writable_directory(name: str, flag: str) -> Path:

@@ -78,9 +78,7 @@ class TypedOption:
         if not words:
             words = (self.field.description or "").rstrip(".")
             words = words[:1].lower() + words[1:]
-        shows_default = (
-            isinstance(default, int | float | str) and not isinstance(default, bool) and "(default" not in words
-        )
+        shows_default = type(default) in (int, float, str) and "(default" not in words
         return f"{words} (default {default})" if shows_default else words
 
     def read(self, text: str) -> Any:
@@ -93,8 +91,7 @@ class TypedOption:
         if self.flag.parse is not None:
             return self.flag.parse(text)
         if self.kind is int:
-            convert: Any = whole(self.bounds.get("ge", 0), self.bounds.get("le"))
-            return convert(text)
+            return whole(self.bounds.get("ge", 0), self.bounds.get("le"))(text)
         return number(dict(self.bounds))(text) if self.kind is float else text
 
     def _read_list(self, text: str) -> list[Any]:

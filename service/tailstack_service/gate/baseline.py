@@ -166,10 +166,8 @@ def find_relaxed_limits(case: Case) -> Iterator[Remark]:
     names = {target.name for target in case.targets}
     yield from _find_lost_targets(case, base)
     for demand in base.requirements:
-        if demand.severity == "off":
-            continue
         left = [name for name in demand.targets if name in names and not _is_met(case, demand, name)]
-        if left:
+        if left and demand.severity != "off":
             yield _describe_relaxed(case, demand, left)
 
 
@@ -232,17 +230,15 @@ def _find_lost_targets(case: Case, base: GatedDesign) -> Iterator[Remark]:
     now = {target.name: target for target in case.targets}
     if gone := [target.name for target in base.targets if target.name not in now]:
         yield Remark("/targets", f"the design had more targets in the baseline: it has no error {name_targets(gone)}")
-    moved = []
-    for target in base.targets:
-        here = now.get(target.name)
-        if here is not None and (distance := dist(target.position_mm, here.position_mm)) > SAME_PLACE_MM:
-            moved.append((target.name, distance))
+    moved = [
+        (target.name, distance)
+        for target in base.targets
+        if target.name in now and (distance := dist(target.position_mm, now[target.name].position_mm)) > SAME_PLACE_MM
+    ]
     if moved:
-        farthest = max(distance for _, distance in moved)
-        index = [target.name for target in case.targets].index(moved[0][0])
-        message = (
-            f"not where the baseline had it, by up to {farthest:.4g} mm, {name_targets(name for name, _ in moved)}"
-        )
+        names, distances = zip(*moved, strict=True)
+        index = [target.name for target in case.targets].index(names[0])
+        message = f"not where the baseline had it, by up to {max(distances):.4g} mm, {name_targets(names)}"
         yield Remark(point_at_target(case, index), f"{message}: limits are kept somewhere else")
 
 
@@ -288,7 +284,5 @@ def find_other_version(baseline: GateBaseline) -> Iterator[tuple[str, Remark]]:
     """Rule model-version: the baseline was computed by another version of tailstack."""
     version = baseline.record.provenance.tailstack_version
     if version != __version__:
-        message = (
-            f"the baseline was computed by tailstack {version}, this is {__version__}: numbers may differ for that "
-        )
-        yield "model-version", Remark("/provenance/tailstack_version", f"{message}reason; write a new baseline")
+        message = f"the baseline was computed by tailstack {version}, this is {__version__}: numbers may differ for "
+        yield "model-version", Remark("/provenance/tailstack_version", f"{message}that reason; write a new baseline")

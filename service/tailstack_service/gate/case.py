@@ -280,10 +280,8 @@ def find_unjudged(case: Case) -> Iterator[Remark]:
             yield Remark(point_at_requirement(case.design, entry), message)
     bare = [unjudged for unjudged in case.not_judged if unjudged.requirement is None]
     if bare and case.requirements:  # otherwise nothing was judged at all, which not-evaluated says
-        message = (
-            f"nothing was held against the error {name_targets(unjudged.target for unjudged in bare)}: {bare[0].reason}"
-        )
-        yield Remark("/targets", message, note=True)
+        where = name_targets(unjudged.target for unjudged in bare)
+        yield Remark("/targets", f"nothing was held against the error {where}: {bare[0].reason}", note=True)
 
 
 # --- in words, and at their places -------------------------------------------------------------------

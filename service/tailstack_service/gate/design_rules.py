@@ -45,10 +45,8 @@ def find_open_questions(case: Case) -> Iterator[Remark]:
         if comparison.number.status == "inconclusive":
             why = comparison.number.open_because or doubt_first_order(case.score) or "too close to say by estimate"
             hint = f"{why}; gate with --mode auto or verify"
-            if case.verification is not None:
-                hint = (
-                    f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
-                )
+            if (check := case.verification) is not None:
+                hint = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
             yield _make_remark(case, comparison, hint)
 
 

@@ -254,14 +254,13 @@ def _list_cases(design: GatedDesign, findings: list[GateFinding]) -> list[_Junit
 
 
 def _find_about(number: GateNumber, findings: Iterable[GateFinding]) -> list[GateFinding]:
-    """The findings on a number."""
+    """The findings on a number; two limits may be called the same."""
     return [
         finding
         for finding in findings
         if finding.rule in (number.rule, "inconclusive")
         and finding.message.startswith(f"{number.requirement}, target {number.target}: ")
-        and (finding.value, finding.limit)
-        == (number.judged_value, number.judged_limit)  # two limits may be called the same
+        and (finding.value, finding.limit) == (number.judged_value, number.judged_limit)
     ]
 
 

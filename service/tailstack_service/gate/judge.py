@@ -139,9 +139,7 @@ def _score_design(gate: Gate, entry: GateDesign) -> ScoredDesign:
     try:
         limited = add_policy_limits(entry.design, limits)
         first_order = score(
-            limited,
-            losses=judges_losses(rules),
-            reliability=rules.reliability.max_effect_mm is not None,
+            limited, losses=judges_losses(rules), reliability=rules.reliability.max_effect_mm is not None
         )
     except TailstackError as error:
         return ScoredDesign(entry, name, rules, refusal=error)
@@ -288,7 +286,6 @@ def _make_case(gate: Gate, scored: ScoredDesign, check: Verification | None, pre
     comparisons = compare_numbers(scored.score, check, scored.requirements, 1 if check is None else _count_looks(gate))
     requirements = tuple(scored.requirements.values())
     targets = _record_targets(scored, check)
-    target_names = [target.name for target in targets]
     names = (file, *scored.entry.known_as, *scored.entry.earlier)
     allowed = gate.max_regression_percent
     return Case(
@@ -302,7 +299,7 @@ def _make_case(gate: Gate, scored: ScoredDesign, check: Verification | None, pre
         comparisons=comparisons,
         targets=targets,
         requirements=requirements,
-        not_judged=list_unjudged(requirements, comparisons, target_names, scored.design_class),
+        not_judged=list_unjudged(requirements, comparisons, [each.name for each in targets], scored.design_class),
         design_class=scored.design_class,
         compared=gate.baseline is not None,
         baseline=None if gate.baseline is None else gate.baseline.find_earlier(names, design, present),
@@ -367,16 +364,7 @@ def _apply_rules(gate: Gate, case: Case, accepted: list[Acceptance]) -> list[Gat
             if waiver is not None and gate.waivers is not None:
                 accepted.append(Acceptance(waiver, remark))
                 suppressed_by = describe_waiver(gate.waivers, waiver)
-            finding = make_finding(
-                rule.id,
-                "note" if remark.note else severity,
-                case.file,
-                place(Problem(remark.pointer, rule.id, remark.message), case.design.source),
-                value=remark.value,
-                limit=remark.limit,
-                suppressed_by=suppressed_by,
-            )
-            findings.append(finding)
+            findings.append(place_finding(case.design.source, case.file, rule.id, severity, remark, suppressed_by))
     return findings
 
 
@@ -389,7 +377,7 @@ def _review_inputs(
     def weigh(document: GateInput, remarks: Iterable[tuple[str, Remark]]) -> Iterator[GateFinding]:
         for rule, remark in remarks:
             if (severity := find_severity(rules, rule)) != "off":
-                yield place_finding(document, rule, severity, remark)
+                yield place_finding(document.source, document.file, rule, severity, remark)
 
     if gate.baseline is not None:
         yield from weigh(gate.baseline, find_other_version(gate.baseline))

@@ -120,19 +120,19 @@ class Remark:
     note: bool = False  # said for information, whatever the rule's severity
 
 
-def place_finding(document: GateInput, rule: str, severity: str, remark: Remark) -> GateFinding:
-    """A finding about a document that was given beside the designs, at the line and column that it is about."""
-    problem = place(Problem(remark.pointer, rule, remark.message), document.source)
-    return make_finding(rule, "note" if remark.note else severity, document.file, problem)
+def place_finding(
+    source: DocumentSource, file: str, rule: str, severity: str, remark: Remark, suppressed_by: str | None = None
+) -> GateFinding:
+    """What a rule says about a document, at the line and column that it is about."""
+    problem = place(Problem(remark.pointer, rule, remark.message), source)
+    finding = make_finding(rule, "note" if remark.note else severity, file, problem)
+    return replace(finding, value=remark.value, limit=remark.limit, suppressed_by=suppressed_by)
 
 
-def make_finding(
-    rule: str, severity: str, file: str, problem: Problem, *, value: float | None = None, limit: float | None = None,
-    suppressed_by: str | None = None,
-) -> GateFinding:  # fmt: skip
+def make_finding(rule: str, severity: str, file: str, problem: Problem) -> GateFinding:
     """A finding that says what a problem says, with its hint, where the problem stands."""
     message = problem.detail + (f" — {problem.hint}" if problem.hint else "")
     return GateFinding(
-        rule, severity, message, problem.pointer, value, limit,  # type: ignore[arg-type]
-        file, problem.line, problem.column, suppressed_by,
+        rule, severity, message, problem.pointer, None, None,  # type: ignore[arg-type]
+        file, problem.line, problem.column,
     )  # fmt: skip

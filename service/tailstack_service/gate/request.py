@@ -48,12 +48,7 @@ class AdmittedGate:
 
 
 def admit_gate(
-    data: Any,
-    *,
-    today: date,
-    limits: Limits = DEFAULT_LIMITS,
-    max_designs: int = 1000,
-    max_trials: int | None = None,
+    data: Any, *, today: date, limits: Limits = DEFAULT_LIMITS, max_designs: int = 1000, max_trials: int | None = None
 ) -> AdmittedGate:
     """A request, read once.
 
@@ -80,8 +75,7 @@ def admit_gate(
     for index, entry in enumerate(gate.designs):
         if entry.refusal is not None:
             field = "text" if request.designs[index].design is None else "design"
-            at = f"/designs/{index}/{field}"
-            raise RefusedAt.place(entry.refusal, at)
+            raise RefusedAt.place(entry.refusal, f"/designs/{index}/{field}")
     complete = request.model_dump(by_alias=True)
     complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     return AdmittedGate({**complete, "seed": gate.seed}, gate)

@@ -218,8 +218,7 @@ def review_waivers(
         for number, pattern in enumerate(waiver.designs or ()):
             if names and not any(match_names(known, pattern) for known in names):
                 yield "waiver-unused", Remark(f"{at}/designs/{number}", f"{what}: {pattern!r} matches no design here")
-        wide_ones = (*_find_wide_patterns(waiver), *_find_wide_values(waiver, own, cases, wide))
-        for field, words in wide_ones:
+        for field, words in (*_find_wide_patterns(waiver), *_find_wide_values(waiver, own, cases, wide)):
             yield "waiver-wide", Remark(at + field, f"{what}: {words}")
 
 

@@ -84,7 +84,6 @@ XMALAB = Flag(
     heading=CAGE,
 )
 
-
 HELD = "STEP only: pattern of the names of cylinders and coordinate systems that hold the structure"
 
 
@@ -262,9 +261,8 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> C
         files = ((wish.content, wish.source), *wish.more)
         return _complete(convert_shots(files, wish.target, wish.base or begin_for_shots, limits), wish, starts, limits)
     if wish.more:
-        raise RequestError(
-            Problem("/more", "unused-option", "of these files one is converted at a time", "leave it out")
-        )
+        detail = "of these files one is converted at a time"
+        raise RequestError(Problem("/more", "unused-option", detail, "leave it out"))
     unit = wish.options.xmalab
     begins = is_step and wish.base is None and wish.target.lower().endswith(DOCUMENTS)
     made = convert(
@@ -350,15 +348,7 @@ def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
 
 def receive(sent: RawRequest, settings: Settings) -> Reception:
     """The converted text, the fiducials in it, and what was done to the numbers.  Raises RefusedAt, RequestError."""
-
-    from ..operations.request import (
-        cure_line_ends,
-        design_of,
-        limits_of,
-        options_of_query,
-        parse_json,
-        read_options,
-    )
+    from ..operations.request import cure_line_ends, design_of, limits_of, options_of_query, parse_json, read_options
 
     if sent.form == "json":
         data = parse_json(sent.body, settings)
@@ -408,9 +398,8 @@ def _decode(text: str, place: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError):
-        raise RequestError(
-            Problem(place, "not-base64", "an image is sent as base64; this is none", "base64 -w0 FILE")
-        ) from None
+        detail = "an image is sent as base64; this is none"
+        raise RequestError(Problem(place, "not-base64", detail, "base64 -w0 FILE")) from None
 
 
 # --- the command ------------------------------------------------------------------------------------------

@@ -54,7 +54,6 @@ ColumnName = Literal[
     "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value", "within_limits", "verdict"
 ]
 
-
 TABLE = "a table of designs"  # heading of flags
 COLUMNS = Flag(
     "what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, value (of each requirement), "
@@ -286,8 +285,7 @@ def _receive(sent: RawRequest, settings: Settings) -> Reception:
     table = read_sent(sent, settings)
     if sent.as_job:
         return Reception(job=JobRequest("batch", canonical(table.content), table.name), designs=table.nameable)
-    specs = plan(table.content, ()).more
-    pieces = Pieces(table.form, table.rows * table.row_seconds, table.rows_a_unit * table.row_seconds, specs)
+    pieces = Pieces(table.form, table.seconds, table.unit_seconds, plan(table.content, ()).more)
     return Reception(pieces=pieces, designs=table.nameable)
 
 
@@ -298,9 +296,8 @@ class SentTable:
     content: dict[str, Any]  # of the job that it could be
     name: str  # of the design
     form: Format | Literal["json"]
-    rows: int
-    row_seconds: float
-    rows_a_unit: int
+    seconds: float  # expected, of all rows
+    unit_seconds: float  # and of those that are computed in one go
     nameable: tuple[tuple[str, bytes], ...]
 
 
@@ -311,10 +308,7 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
     Raises what ``receive`` raises.
     """
     request, given, columns, form = _open(sent, settings)
-    if form == "json":
-        table = _table_of(request.options.table)
-    else:
-        table = read_table(BytesIO(sent.body), form)
+    table = _table_of(request.options.table) if form == "json" else read_table(BytesIO(sent.body), form)
     given = [(name, name) for name in table.header] if given is None else given
     try:
         scores = score_table(request.design, table, given, columns)
@@ -322,11 +316,14 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
         raise request.place(error) from None
     cells = _read_cells(scores, settings.max_batch_rows)
     batch = scores.batch
+    row, together = row_seconds(batch), rows_a_unit(batch)
+    content = canonical({
+        "design": batch.design.source.data, "header": table.header, "cells": cells, "places": scores.places,
+        "pointers": batch.pointers, "columns": batch.columns, "rows_a_unit": together,
+    })  # fmt: skip
     nameable = request.nameable if form == "json" and not request.patched else ()
-    content = json.loads(_content(scores, cells))
-    return SentTable(
-        content, request.design.name, form, len(cells[0]), row_seconds(batch), rows_a_unit(batch), nameable
-    )
+    name, count = request.design.name, len(cells[0])
+    return SentTable(json.loads(content), name, form, count * row, together * row, nameable)
 
 
 @lru_cache(maxsize=1)
@@ -376,15 +373,6 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
     if {"remark", "title"} & counts.left_out.keys():  # an answer has no place to say it
         raise table.refuse("left-out", "; ".join(counts.describe()), "leave only the header and its rows")
     return cells
-
-
-def _content(scores: TableScores, cells: list[list[Any]]) -> bytes:
-    """The request of a job."""
-    batch = scores.batch
-    return canonical({
-        "design": batch.design.source.data, "header": scores.table.header, "cells": cells, "places": scores.places,
-        "pointers": batch.pointers, "columns": batch.columns, "rows_a_unit": rows_a_unit(batch),
-    })  # fmt: skip
 
 
 def _plain(cell: Any) -> float | str | None:

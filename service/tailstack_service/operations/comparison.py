@@ -49,7 +49,7 @@ def _check(request: Request, settings: Settings) -> None:
     from tailstack.design import check_design
 
     if "verification" in request.options.parts:
-        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
+        within_trials(request, settings)
     names = []
     for which in range(len(SIDES)):
         system, _, _ = request.refuse_by(check_design, which)

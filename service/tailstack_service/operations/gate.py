@@ -93,12 +93,7 @@ OPERATION = Operation(
     },
     record=LateImport("..gate.records", "GateRecord").load,
     cut=True,
-    body=Body(
-        receive=_receive,
-        request=GateRequest,
-        at_once="mode analytic",
-        reading_seconds=text_reading_seconds,
-    ),
+    body=Body(receive=_receive, request=GateRequest, at_once="mode analytic", reading_seconds=text_reading_seconds),
     example_title="One design under a policy, first order, with one finding accepted for now",
     document=LateImport("..report.chapters.gate", "gate_document"),
     exit_code=lambda record: int(record.exit_code),

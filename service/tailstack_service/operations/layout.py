@@ -28,9 +28,7 @@ OPERATION = Operation(
     title="answer of layout: fiducials and targets in space and in every image",
     options=LayoutOptions,
     record=LateImport("..report.chapters.coordinates", "Layout").load,
-    run=run_function(
-        LateImport("..report.chapters.coordinates", "lay_out"), arguments=lambda call: {"scene": call.options.scene}
-    ),
+    run=run_function(LateImport("..report.chapters.coordinates", "lay_out")),
     immediate=True,
     document=LateImport("..report.chapters.coordinates", "layout_document"),
 )

@@ -116,12 +116,13 @@ READ_BYTES = 2.5  # of memory for each where they are put together: as they come
 WARM_BYTES = 350e6  # of memory that a warm process has, as its limit counts
 
 
-def within_trials(trials: int | None, max_trials: int, settings: Settings, designs: Sequence[Design]) -> None:
+def within_trials(request: Request, settings: Settings) -> None:
     """Refuse a check that may draw more than the operator allows, or than its parts can be put together of.
 
     The limit never ends a check: where the precision is looked at is part of the answer, and an operator's number would
     move it.  Raises LimitError.
     """
+    trials, max_trials = request.options.trials, request.options.max_trials
     within(trials, "max_trials", settings, "/trials")
     if trials is None and max_trials > settings.max_trials:
         most = settings.max_trials
@@ -129,7 +130,7 @@ def within_trials(trials: int | None, max_trials: int, settings: Settings, desig
         hint = f"send max_trials: {most}, or trials; or start the service with a higher {variable('max_trials')}"
         raise LimitError(Problem("/max_trials", "too-many", detail, hint))
     drawn, at = (max_trials, "/max_trials") if trials is None else (trials, "/trials")
-    targets = max(size_of(design).targets for design in designs)
+    targets = max(size_of(design).targets for design in request.designs)
     norm_bytes = TRIAL_BYTES * drawn * targets
     if settings.max_process_bytes and READ_BYTES * norm_bytes > settings.max_process_bytes - WARM_BYTES:
         most = int((settings.max_process_bytes - WARM_BYTES) / (READ_BYTES * TRIAL_BYTES * targets))
@@ -421,18 +422,9 @@ class Command:
     run: Callable[[argparse.Namespace], Answer]
 
 
-def check_nothing(request: Request, settings: Settings) -> None:
-    """The options and a design that can be read are all that is asked for."""
-
-
 def receive_alone(call: Call) -> Any:
     """What is asked for by a body of its own (``Body.receive``) has no call."""
     raise NotImplementedError("this operation is received with its own body, not as designs and options")
-
-
-def pass_always(record: Any) -> int:
-    """The exit code of what judges nothing."""
-    return PASS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -462,12 +454,12 @@ class Operation:
     cut: bool = False  # its job is cut into units, by plan() and compute() of units/NAME.py; or is one unit, ``run``
 
     # How it is received over HTTP
-    check: Callable[[Request, Settings], None] = check_nothing  # raises RefusedAt, RequestError, LimitError
+    check: Callable[[Request, Settings], None] = lambda *_: None  # raises RefusedAt, RequestError, LimitError
     body: Body | None = None  # None: the designs, and the options beside them or in the query
 
     # What becomes of its record
     document: Callable[..., Document] | None = None  # its report; the SHA-256 of the record stands in it
-    exit_code: Callable[[Any], int] = pass_always
+    exit_code: Callable[[Any], int] = lambda record: PASS  # of what judges nothing
     hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()
     demand: Callable[[Any], Demand] = lambda record: Demand()
     repeat: Callable[[Repetition], Again] | None = None  # None: by the options, where the record states all of them

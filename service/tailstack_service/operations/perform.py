@@ -42,7 +42,7 @@ def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) ->
     """More units, or the record, by what is recorded so far.
 
     A pure function: it is asked again after every round, and after a kill, and says the same each time.  Raises
-    TailstackError for a request that is refused, ``RefusedAt`` where that is not about ``/design``.
+    TailstackError for a request that is refused, ``RefusedAt`` where pointers are not of ``/design`` or the options.
     """
     if not OPERATIONS[kind].cut:
         return plan_whole(results)
@@ -77,7 +77,8 @@ def perform(task: Task) -> Outcome:
             else:
                 outcome = Outcome(result=compute(task.kind, request, json.loads(task.spec)))
     except TailstackError as error:
-        outcome = _refusal(RefusedAt.place(error, "/design"))
+        at = "" if error.slug == "invalid-request" else "/design"  # "": of options, or of a table
+        outcome = _refusal(RefusedAt.place(error, at))
     except MemoryError:
         outcome = _refusal(memory_error())
     return replace(outcome, cpu_seconds=time.process_time() - begun)

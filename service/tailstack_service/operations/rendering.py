@@ -41,17 +41,15 @@ def render(name: str, body: bytes, form: str, *, summary: bool = False) -> bytes
 def render_all(name: str, body: bytes, forms: Sequence[str], *, summary: bool = False) -> list[tuple[str, bytes]]:
     """A result in several formats, its chapters and pictures made once.  Raises what ``document_of`` raises."""
     document = document_of(name, body) if not set(forms) <= {"json", "csv"} else None
-    return [(form, _csv(name, body) if form == "csv" else _content(document, body, form, summary)) for form in forms]
+    return [(form, _content(name, document, body, form, summary)) for form in forms]
 
 
-def _csv(name: str, body: bytes) -> bytes:
-    operation = OPERATIONS[name]
-    assert operation.csv is not None, name
-    lines: str = operation.csv.write(from_json(operation.record(), body))
-    return lines.encode()
-
-
-def _content(document: Document | None, body: bytes, form: str, summary: bool) -> bytes:
+def _content(name: str, document: Document | None, body: bytes, form: str, summary: bool) -> bytes:
+    if form == "csv":
+        operation = OPERATIONS[name]
+        assert operation.csv is not None, name
+        lines: str = operation.csv.write(from_json(operation.record(), body))
+        return lines.encode()
     if document is None or form == "json":
         return body
     if form == "html":

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Part = Literal["score", "verification", "optimisation"]
 
-
 PARTS = Flag(
     "of a design: score, verification, optimisation (default score,verification)", metavar="LIST", in_query="part"
 )
@@ -69,7 +68,7 @@ def _check(request: Request, settings: Settings) -> None:
     from tailstack.design import check_design
 
     if "verification" in request.options.parts:
-        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
+        within_trials(request, settings)
     if "optimisation" in request.options.parts:
         check_freedom(request, settings, starts_of_design=True)
     else:

@@ -177,14 +177,12 @@ def _translate(entry: Any, known: list[str], options: type[BaseModel]) -> Proble
     path, kind = entry["loc"], entry["type"]
     if kind == "extra_forbidden":
         name = str(path[-1])
+        hint = ""
         if len(path) > 1:  # inside an option
             known = _fields_inside(options, str(path[0]))
-            hint = ""
-        else:
-            holder = next(
-                (own for own in options.model_fields if find_renamings(name, _fields_inside(options, own))), ""
-            )
-            hint = _example((holder,), options) if holder and name not in known else ""
+        elif name not in known:
+            holders = (own for own in options.model_fields if find_renamings(name, _fields_inside(options, own)))
+            hint = next((_example((holder,), options) for holder in holders), "")
         hint = hint or cure_name(name, known, entry.get("input"), otherwise=f"known: {', '.join(known)}")[0]
         return Problem(write_pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":

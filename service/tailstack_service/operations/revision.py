@@ -26,7 +26,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results import Optimisation
 from tailstack.results.json_text import write_json
 
-from ..console.files import is_stream, replace_file, writable
+from ..console.files import is_stream, writable, write_and_tell
 from ..problems import RequestError
 from .editors import write_document
 
@@ -47,9 +47,8 @@ def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
     if (name := arguments.fiducials_out) is None:
         return OutputFiles(design, None)
     if not name.lower().endswith(FIDUCIALS):
-        raise RequestError(
-            Problem("", "unknown-format", f"{name!r} is no file of fiducials", f"known: {', '.join(FIDUCIALS)}")
-        )
+        hint = f"known: {', '.join(FIDUCIALS)}"
+        raise RequestError(Problem("", "unknown-format", f"{name!r} is no file of fiducials", hint))
     fiducials = writable(name, (".json", ".csv", ".fcsv"))
     if design is None:
         raise RequestError(Problem("", "option-missing", "--fiducials-out goes with -o", "add -o NEW.yaml"))
@@ -82,8 +81,8 @@ def write_results(design: Design, result: Optimisation, files: OutputFiles) -> N
     if files.design is not None:
         text, note = design_text(design, result, files)
         if files.fiducials is not None:  # first what the design refers to
-            replace_file(files.fiducials, write_fiducials(load_design(result.design).fiducials, files.fiducials.name))
-            print(f"wrote {files.fiducials}", file=sys.stderr)
+            fiducials = load_design(result.design).fiducials
+            write_and_tell(files.fiducials, write_fiducials(fiducials, files.fiducials.name))
         if note:
             print(f"note: {note}", file=sys.stderr)
         write_document(files.design, text)
@@ -135,10 +134,8 @@ def _points_of(design: Design) -> dict[str, tuple[float, float, float]]:
 
 def _read_design(path: Path) -> Design | None:
     """The design that a file holds; None if it holds none."""
-    if is_stream(str(path)):
-        return None
     with suppress(DesignError, LimitError):
-        return load_design(path)
+        return None if is_stream(str(path)) else load_design(path)
     return None
 
 

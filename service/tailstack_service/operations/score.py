@@ -96,10 +96,8 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
     record = _score(Call((design,), ScoreOptions.of_flags(arguments)))
     refuse_unknown_target(arguments.target, [target.name for target in record.targets])
-    code = exit_code_of(record.verdict)
-    if arguments.json:
-        return Answer(to_json(record), code)
-    return Answer(OPERATION.write(record, arguments.target), code)
+    body = to_json(record) if arguments.json else OPERATION.write(record, arguments.target)
+    return Answer(body, exit_code_of(record.verdict))
 
 
 OPERATION = Operation(

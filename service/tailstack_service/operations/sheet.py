@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from .operation import Csv, LateImport, Operation, Options, run_function
 
-
-class SheetOptions(Options):
-    """None."""
-
-
 OPERATION = Operation(
     name="sheet",
     verb="report",
@@ -17,7 +12,7 @@ OPERATION = Operation(
     description="Beads and seats of one design with their tolerances as drawn, the datum, and a dimensioned view where "
     "a report is asked for; text/csv is a file of fiducials. It holds no requirement, price or target.",
     title="sheet for the supplier: beads and seats with their tolerances as drawn",
-    options=SheetOptions,
+    options=Options,
     record=LateImport("..report.chapters.supplier", "Sheet").load,
     run=run_function(LateImport("..report.chapters.supplier", "draw_up_sheet")),
     immediate=True,

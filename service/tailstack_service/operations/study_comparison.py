@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 
     from .request import Request
 
-
 EXIT_CODE = {"agrees": PASS, "differs": FAIL, "not testable": INCONCLUSIVE}
 MEASUREMENTS = "level,error_mm\nL0,0.31\nL0,0.28\nL0,0.35\nL0,0.30\n"
-
 
 MEASURED = Flag("what was measured (.csv)", metavar="FILE", of_file=True)
 INSTRUMENT = Flag(

@@ -19,37 +19,26 @@ from .study import study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**22  # of each point
 
-
 Numbers = Annotated[list[float], Field(min_length=1, max_length=50)]
 Counts = Annotated[list[int], Field(min_length=1, max_length=50)]
+NOISES = Flag("of every image coordinate (0.3,1,3,10)", name="noise", metavar="PX,...")
+ROTATIONS = Flag(
+    "standard deviation of each rotation of the structure's mount, normal (0,1,5)", name="rotation", metavar="DEG,..."
+)
+SPREADS = Flag("factor on the layout about its centroid (1,0.5,0.2)", name="spread", metavar="F,...")
+COUNTS = Flag("fiducials kept, far apart (all, two thirds, 7)", name="count", metavar="N,...")
 
 
 class LinearityOptions(Options):
     """The grid, and how each of its points is sampled."""
 
-    noises_px: Annotated[
-        Numbers | None,
-        Flag("of every image coordinate (0.3,1,3,10)", name="noise", metavar="PX,..."),
-    ] = Field(None, examples=[[0.3, 1.0, 3.0]])
+    noises_px: Annotated[Numbers | None, NOISES] = Field(None, examples=[[0.3, 1.0, 3.0]])
     """Noise of every image coordinate, px; absent: 0.3, 1, 3, 10."""
-    rotations_deg: Annotated[
-        Numbers | None,
-        Flag(
-            "standard deviation of each rotation of the structure's mount, normal (0,1,5)",
-            name="rotation",
-            metavar="DEG,...",
-        ),
-    ] = Field(None, examples=[[0.0, 1.0, 5.0]])
+    rotations_deg: Annotated[Numbers | None, ROTATIONS] = Field(None, examples=[[0.0, 1.0, 5.0]])
     """Standard deviation of each rotation of the structure's mount, deg, normal; absent: 0, 1, 5."""
-    spreads: Annotated[
-        Numbers | None,
-        Flag("factor on the layout about its centroid (1,0.5,0.2)", name="spread", metavar="F,..."),
-    ] = Field(None, examples=[[1.0, 0.5]])
+    spreads: Annotated[Numbers | None, SPREADS] = Field(None, examples=[[1.0, 0.5]])
     """Factors on the layout about its centroid; absent: 1, 0.5, 0.2."""
-    counts: Annotated[
-        Counts | None,
-        Flag("fiducials kept, far apart (all, two thirds, 7)", name="count", metavar="N,..."),
-    ] = Field(None, examples=[[12, 8]])
+    counts: Annotated[Counts | None, COUNTS] = Field(None, examples=[[12, 8]])
     """Numbers of fiducials kept, far apart; absent: all, two thirds, 7."""
     target: Annotated[str | None, Flag("target (default: the one with the largest P95)")] = None
     """Name of the target; absent: the one with the largest P95."""

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ..settings import Settings
     from .request import Request
 
-
 NO_TRIALS = "ask for check verification, or leave trials out"
 
 
@@ -148,7 +147,7 @@ def _check(request: Request, settings: Settings) -> None:
 
     axes = request.options.axes
     if request.options.check == "verification":
-        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
+        within_trials(request, settings)
     points = prod(axis.size for axis in axes)
     if points > settings.max_sweep_points:
         sizes = " × ".join(str(axis.size) for axis in axes)

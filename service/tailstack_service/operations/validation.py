@@ -22,7 +22,6 @@ from .operation import Command, Operation, Options, Size
 if TYPE_CHECKING:
     from tailstack.design import Design
 
-
 MOST_TOLD = 6  # places
 BOUND_SECONDS = 3.0  # for each design; the demo takes 1, one with six uniform half-widths 3
 

@@ -44,11 +44,10 @@ def _check(request: Request, settings: Settings) -> None:
     """Trials within the limit, a design that determines an answer.  Raises RefusedAt, LimitError."""
     from tailstack.design import check_design
 
-    options = request.options
-    if options.method == "plain":
-        within_trials(options.trials, options.max_trials, settings, request.designs)
+    if request.options.method == "plain":
+        within_trials(request, settings)
     else:
-        within(options.trials, "max_trials", settings, "/trials")
+        within(request.options.trials, "max_trials", settings, "/trials")
     request.refuse_by(check_design)
 
 
@@ -62,9 +61,8 @@ def _repeat(again: Repetition) -> Again:
     from tailstack.verification import prepare
 
     record: Verification = again.record
-    design = again.designs[0]
     if again.fast:
-        first = prepare(design, sampled=False).first_order_mm
+        first = prepare(again.designs[0], sampled=False).first_order_mm
         targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
         return Again(replace(record, targets=targets), "the Monte Carlo check")
     options = VerificationOptions.of_record(record)

@@ -6,7 +6,7 @@ HTML, PDF and spreadsheet have their own writers (``report``).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -46,7 +46,6 @@ class Figure:
 
     @cached_property
     def svg(self) -> str:
-        """The picture."""
         return self.drawn if isinstance(self.drawn, str) else self.drawn()
 
     @cached_property
@@ -64,7 +63,6 @@ class Paragraph:
 @dataclass(frozen=True, slots=True)
 class Bullets:
     items: tuple[str, ...]
-    numbered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +90,6 @@ class BlockGroup:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """What belongs together."""
         return self.made() if callable(self.made) else self.made
 
 
@@ -100,7 +97,6 @@ Block = Table | Figure | Paragraph | Bullets | Facts | Listing | BlockGroup
 
 
 def group(*blocks: Block, on: On = EVERYWHERE) -> BlockGroup:
-    """These blocks together."""
     return BlockGroup(blocks, on)
 
 
@@ -141,7 +137,7 @@ class Document:
     sections: tuple[Section, ...]
     provenance: Facts
     matters: tuple[str, ...] = ()
-    figures: tuple[Figure, ...] = field(default=())  # on the first page
+    figures: tuple[Figure, ...] = ()  # on the first page
     requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
     # What a terminal has beside the sections: the question below the design's name, by which method, what decides,
     # findings, and a last line, its verdict in the colour of the tone
@@ -163,10 +159,9 @@ class Document:
         """Under which number the design is kept, and who answers for it; what it does not say is empty."""
         if self.made is None:
             return ()
-        block = self.made.document
         return tuple(
-            (word, ("" if block is None else getattr(block, field)) or "")
-            for field, word in (
+            (word, getattr(self.made.document, name, None) or "")  # of no title block at all, nothing
+            for name, word in (
                 ("number", "Document"), ("revision", "Revision"), ("date", "Date"), ("author", "Author"),
                 ("checker", "Checked"), ("approver", "Approved"),
             )
@@ -190,12 +185,9 @@ class Document:
 
     def of(self, place: On) -> Document:
         """What of it is shown at a place: no table without rows, and groups in a terminal only."""
-        sections = (
-            replace(section, blocks=tuple(list_shown(section.blocks, place)))
-            for section in self.sections
-            if section.on & place
-        )
-        return replace(self, sections=tuple(section for section in sections if section.blocks))
+        here = [section for section in self.sections if section.on & place]
+        shown = [replace(section, blocks=tuple(list_shown(section.blocks, place))) for section in here]
+        return replace(self, sections=tuple(section for section in shown if section.blocks))
 
 
 def list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
@@ -209,7 +201,6 @@ def list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
 
 
 def tone_of(status: str) -> Tone:
-    """The tone of a verdict."""
     if status == "pass" or status == "verified":
         return "pass"
     if status in ("fail", "not evaluated"):
@@ -323,12 +314,9 @@ def _assumed_table(assumed: Sequence[str], design: dict[str, Any] | None) -> Tab
     return tabulate("Assumed", assumed_sentence(assumed), columns, assumed, note)
 
 
-def verdict_blocks(verdict: Verdict) -> tuple[Block, ...]:
-    """Every requirement at every target, and remarks."""
-    return (
-        *((checks_table(verdict),) if verdict.checks else ()),
-        *((findings_table(verdict.findings),) if verdict.findings else ()),
-    )
+def verdict_blocks(verdict: Verdict, *others: Verdict) -> tuple[Block, ...]:
+    """Every requirement at every target, by each verdict, and remarks of the first."""
+    return checks_table(verdict, *others), findings_table(verdict.findings)
 
 
 # --- in a terminal: what was asked, what decides, the sections in their order, the verdict --------------
@@ -422,16 +410,9 @@ def _write_paragraph(block: Paragraph) -> str:
     return text.replace(block.strong, paint(block.strong, "bold")) if block.strong else text
 
 
-def _write_bullets(block: Bullets) -> str:
-    marks = [f"{k}. " if block.numbered else "* " for k in range(1, len(block.items) + 1)]
-    return "\n".join(
-        wrap(item, first=mark, indent=" " * len(mark)) for mark, item in zip(marks, block.items, strict=True)
-    )
-
-
 _WRITERS: dict[type, Callable[..., str]] = {
     Paragraph: _write_paragraph,
-    Bullets: _write_bullets,
+    Bullets: lambda block: "\n".join(wrap(item, first="* ", indent="  ") for item in block.items),
     Facts: lambda block: _write_said(block.pairs),
     Listing: lambda block: block.text,
 }

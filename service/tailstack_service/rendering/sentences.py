@@ -114,9 +114,8 @@ def views_sentence(views: Sequence[ViewCheck]) -> str:
     if clear:
         nearest = min(clear, key=lambda view: view.smallest_margin_px or 0.0)
         which = "every view" if len(clear) == len(views) else ", ".join(view.view for view in clear)
-        parts.append(
-            f"{which}: all fiducials are in the image, the nearest to its border by {nearest.smallest_margin_px:.0f} px"
-        )
+        margin = f"the nearest to its border by {nearest.smallest_margin_px:.0f} px"
+        parts.append(f"{which}: all fiducials are in the image, {margin}")
     if views:
         tight = min(views, key=lambda view: view.closest_pair_px - view.closest_pair_needs_px)
         pair = " and ".join(tight.closest_pair)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeVar
 
 from tailstack.results.tables import Column, On, Table, write_cell
@@ -140,10 +141,12 @@ def draw_table(
     Where it is wider than the page its texts are folded, nothing is cut; where that is not enough its columns are
     shared out over several tables below one another, each with the first ``left`` columns.
     """
-    widths = _fit(header, rows, [k for k in (*range(left), *names) if k not in whole])
+    words = [*range(left), *names]
+    folded = [k for k in words if k not in whole]
+    widths = _fit(header, rows, folded)
     lengths = [widths[k] for k in range(left, len(header))]
     if sum(widths) + 2 * (len(widths) - 1) <= _page_width() or len(lengths) < 2:
-        return _draw(header, rows, widths, left, names, whole)
+        return _draw(header, rows, widths, words, folded)
     room = _page_width() - sum(widths[:left]) - 2 * (left - 1)
     count = 1  # of the columns beside the first ones that go into this table
     while sum(lengths[: count + 1]) + 2 * (count + 1) <= room:
@@ -166,13 +169,10 @@ def write_table(table: Table) -> str:
     here = table.on(On.DETAIL if current().details else On.PLAIN)
     texts = [k for k, column in enumerate(here.columns) if column.kind == "text"]
     left = next((k for k in range(len(here.columns)) if k not in texts), len(here.columns))
-    rows = [
-        [
-            "  " * (row.depth if k == 0 else 0) + write_cell(cell, column)
-            for k, (cell, column) in enumerate(zip(row.cells, here.columns, strict=True))
-        ]
-        for row in here.rows
-    ]
+    rows = []
+    for row in here.rows:
+        name, *cells = map(write_cell, row.cells, here.columns)
+        rows.append(["  " * row.depth + name, *cells])
     header = [column.brief or _head_of(column) for column in here.columns]
     return draw_table(header, rows, left=left, names=[k for k in texts if k >= left])
 
@@ -201,23 +201,18 @@ def _fit(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[i
 
 
 def _draw(
-    header: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[int], left: int, names: Sequence[int],
-    whole: Sequence[int],
-) -> str:  # fmt: skip
-    heads = [head.split("\n") for head in header]
-    depth = max(len(head) for head in heads)
-    texts = [k for k in (*range(left), *names) if k not in whole]
-    lines = [[head[line] if line < len(head) else "" for head in heads] for line in range(depth)]
+    header: Sequence[str], rows: Sequence[Sequence[str]], widths: list[int], words: list[int], folded: list[int]
+) -> str:
+    lines: list[Sequence[str]] = [*zip_longest(*(head.split("\n") for head in header), fillvalue="")]
     lines.append(["─" * width for width in widths])
     for row in rows:
         cells = [
-            fold(cell, widths[k], HANGING if widths[k] > 5 * HANGING else 0) if k in texts else [visible(cell)]
+            fold(cell, widths[k], HANGING if widths[k] > 5 * HANGING else 0) if k in folded else [visible(cell)]
             for k, cell in enumerate(row)
         ]
-        height = max(map(len, cells))
-        lines += [[cell[line] if line < len(cell) else "" for cell in cells] for line in range(height)]
+        lines += zip_longest(*cells, fillvalue="")
     return "\n".join(
-        "  ".join(_pad(cell, widths[k], k < left or k in names) for k, cell in enumerate(row)).rstrip() for row in lines
+        "  ".join(_pad(cell, widths[k], k in words) for k, cell in enumerate(row)).rstrip() for row in lines
     )
 
 
@@ -248,12 +243,8 @@ def _keep_units(words: Sequence[str], width: int) -> list[str]:
     """Words of which a number and its unit are one, where both fit on a line."""
     joined: list[str] = []
     for word in words:
-        if (
-            joined
-            and joined[-1][-1].isdigit()
-            and word.rstrip(".,;:)") in UNITS
-            and len(joined[-1]) + len(word) < width
-        ):
+        before = joined[-1] if joined else ""
+        if before[-1:].isdigit() and word.rstrip(".,;:)") in UNITS and len(before) + len(word) < width:
             joined[-1] += f" {word}"
         else:
             joined.append(word)
@@ -261,7 +252,6 @@ def _keep_units(words: Sequence[str], width: int) -> list[str]:
 
 
 def prose_width() -> int:
-    """Columns of a paragraph."""
     return min(_page_width(), WIDEST_PROSE)
 
 
@@ -304,12 +294,11 @@ def name_rule(sentence: str) -> str:
 
 def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
     """``and 9 more like it: lines 12, 13, ...``, by pointers where there are no lines."""
-    known = [line for line in lines if line is not None]
-    if len(known) == len(lines):
-        places = [str(line) for line in dict.fromkeys(known)]
-        word = "lines" if len(places) > 1 else "line"
-    else:
+    if None in lines:
         places, word = list(dict.fromkeys(pointers)), "at"
+    else:
+        places = [str(line) for line in dict.fromkeys(lines)]
+        word = "lines" if len(places) > 1 else "line"
     more = ", ..." if len(places) > MOST_PLACES else ""
     return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
 

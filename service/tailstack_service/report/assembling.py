@@ -103,9 +103,8 @@ def assemble(
 def _judged_targets(scored: Score, pictured: list[TargetScore]) -> list[str]:
     """Names of the targets whose slack is asked for: those that are pictured, and the one that decides."""
     decisive = decisive_check(scored.verdict.checks)
-    names = [target.name for target in pictured]
-    decides = [target.name for target in scored.targets if decisive and target.name == decisive.target]
-    return list(dict.fromkeys([*names, *decides]))
+    decides = [target for target in scored.targets if decisive and target.name == decisive.target]
+    return list(dict.fromkeys(target.name for target in (*pictured, *decides)))
 
 
 def _draw(
@@ -183,9 +182,8 @@ def drawing_options(options: ReportContents) -> str:
 
 def options_of(request: dict[str, Any]) -> ReportContents:
     """The options of a job's request, or of the reproduction of a record."""
-    stated: dict[str, Any] = {
-        field.name: request[field.name] for field in fields(ReportContents) if request.get(field.name) is not None
-    }
+    names = [field.name for field in fields(ReportContents)]
+    stated = {name: request[name] for name in names if request.get(name) is not None}
     lists = {name: tuple(value) for name, value in stated.items() if isinstance(value, list)}
     return ReportContents(**(stated | lists))
 
@@ -280,10 +278,9 @@ def _find_prices(design: Design, system: System) -> Prices:
         return {}
     from tailstack.optimisation.request import read_request
 
-    free_widths = read_request(design).problem.half_widths
     mounts = {mount.name: mount for mount in system.interfaces}
     priced: Prices = {}
-    for free in free_widths:
+    for free in read_request(design).problem.half_widths:
         sources = mounts[free.contributor].sources
         place = sources.names.index(free.component)
         shown = degrees if sources.units[place] == "rad" else float

@@ -40,13 +40,9 @@ class Beam:
 
     def on_detector(self, image_px: Array) -> Array:
         """Where pixels (N, 2) are on the detector; (N, 3) mm, con."""
-        return self.at_depth(image_px, self.detector_mm)
-
-    def at_depth(self, image_px: Array, depth_mm: float) -> Array:
-        """Points (N, 3) mm, con, on the rays of pixels (N, 2)."""
         homogeneous = np.column_stack([image_px, np.ones(len(image_px))])
         rays = np.linalg.solve(self.view.projection[:, :3], homogeneous.T).T
-        return np.asarray(self.source_mm + depth_mm * rays)
+        return np.asarray(self.source_mm + self.detector_mm * rays)
 
     def images(self, points_mm: Array) -> Array:
         """Images of points (N, 3) mm, con: (N, 2) px; NaN for a point that is not in front of the source."""
@@ -63,9 +59,8 @@ def images(view: View, points_mm: Array) -> Array:
 def beams_of(design: Design, system: System) -> tuple[Beam, ...]:
     """Every view of a design, which ``system`` was compiled from."""
     points = np.vstack([system.fiducials_mm, [target.position_mm for target in system.targets]])
-    return tuple(
-        _beam(view, document, points) for view, document in zip(system.views, design.document.views, strict=True)
-    )
+    pairs = zip(system.views, design.document.views, strict=True)
+    return tuple(_beam(view, document, points) for view, document in pairs)
 
 
 def _beam(view: View, document: object, points_mm: Array) -> Beam:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
 from tailstack.measures import MEASURE
-from tailstack.results import ERRORS, Check, Contributor, Interval, Lever, TargetScore
+from tailstack.results import ERRORS, Check, Contributor, Lever, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import FiftyShots, single_lines, source_name
@@ -26,7 +26,6 @@ from .page import (
     BarRows,
     beside,
     draw_cells,
-    millimetres,
     name_at_right,
     open_page,
     sides,
@@ -121,9 +120,8 @@ def draw_distribution(
                 edges[:-1], [share / wide for share in shown.sampled], wide, align="edge", edgecolor=BAR, linewidth=0.6,
                 color=[BAR_BEYOND if far else BAR_PALE for far in beyond],
             )  # fmt: skip
-            legend.append(
-                (page.patch(facecolor=BAR_PALE, edgecolor=BAR, linewidth=0.6), f"Monte Carlo, {shown.trials:,} trials")
-            )
+            bars = page.patch(facecolor=BAR_PALE, edgecolor=BAR, linewidth=0.6)
+            legend.append((bars, f"Monte Carlo, {shown.trials:,} trials"))
             words += f", {shown.trials:,} Monte Carlo trials as bars"
         if interval_mm is not None and interval_mm[1] is not None:
             least = (axes.get_xlim()[1] - edges[0]) / (RIGHT - LEFT)
@@ -131,17 +129,15 @@ def draw_distribution(
             band = axes.axvspan(*ends, color=VALUE_COLOUR, alpha=0.18)
             written = " to ".join(f"{end:.{decimals}f}" for end in (interval_mm[0], interval_mm[1]))
             legend.append((band, f"interval of P95, {written} mm"))
-        axes.set_ylim(
-            0, 1.08 * max(share / wide for shares in (shown.sampled, shown.first_order) for share in shares or ())
-        )
+        highest = max(share / wide for shares in (shown.sampled, shown.first_order) for share in shares or ())
+        axes.set_ylim(0, 1.08 * highest)
         ours, theirs = sides(p95_mm, limit_mm)
-        upright(axes, p95_mm, millimetres(p95_mm, "P95", decimals), VALUE_COLOUR, ours)
+        upright(axes, p95_mm, f"P95 {p95_mm:.{decimals}f} mm", VALUE_COLOUR, ours)
         if limit_mm is not None:
             upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
         page.explain(LEFT, 294, legend)
-        words += (
-            f". P95 is {p95_mm:.{decimals}f} mm" + ("" if limit_mm is None else f", the limit {limit_mm:g} mm") + "."
-        )
+        limit = "" if limit_mm is None else f", the limit {limit_mm:g} mm"
+        words += f". P95 is {p95_mm:.{decimals}f} mm{limit}."
         return page.svg(f"Distribution of the error at target {shown.target}", words)
 
 
@@ -207,12 +203,6 @@ def _place_label(shown: Headline, short: str, top: float, end: float, per_mm: fl
     return label, min(max(value, low + half), max(high - half, low + half)), True
 
 
-def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[float]]:
-    """Lengths below and above values; none to an end on the wrong side, as a record that somebody changed may have."""
-    pairs = list(zip(values, intervals, strict=True))
-    return [[max(0.0, at - low) for at, (low, _) in pairs], [max(0.0, high - at) for at, (_, high) in pairs]]
-
-
 DOTS_LEFT, TALLEST, LETTER = 22, 96, 6.6  # margin, height of the highest heap, width of a letter
 FEWEST_COLUMNS, MOST_COLUMNS = 16, 400  # of dots
 
@@ -238,9 +228,7 @@ def draw_dots(rows: Sequence[tuple[str, FiftyShots]], name: str = "fifty-shots",
             top = k * height
             title = f"{shots.of.removeprefix('the ')}, {shots.unit}" if k == len(rows) - 1 else ""
             page.say(DOTS_LEFT, top + 12, printable(words, int(wide / LETTER)), weight="bold")
-            axes = page.axes(
-                DOTS_LEFT, top + 34, width - DOTS_LEFT, top + height - 32, title if k == len(rows) - 1 else ""
-            )
+            axes = page.axes(DOTS_LEFT, top + 34, width - DOTS_LEFT, top + height - 32, title)
             axes.grid(False)
             axes.yaxis.set_visible(False)
             axes.set(xlim=(0, end), ylim=(0, tall))
@@ -289,22 +277,19 @@ def draw_budgets(
     with open_page(name, rows.height + 86) as page:
         title = "standard deviation of the error at the tool, mm; the parts add as squares"
         axes = rows.axes(page, SOURCES, 34, WIDTH - 66, title)
+        across = WIDTH - 66 - SOURCES
         axes.set_xlim(0, 1.04 * max(value or 0.0 for _, values in spreads for value in (*values, 1e-9)))
-        least = axes.get_xlim()[1] / (WIDTH - 66 - SOURCES)
+        least = axes.get_xlim()[1] / across
         for middle, (_, values) in zip(rows.middles, spreads, strict=True):
             for value, shift, colour in zip(values, (-5.5, 5.5), (FIRST_BAR, BAR), strict=True):
                 if value:
                     axes.barh(middle + shift, max(value, least), height=10, color=colour)
                 look: dict[str, Any] = {"color": MUTED if value is None else INK, "size": 10}
                 beside(axes, (value or 0.0, middle + shift), _spread(value, decimals), (5, -3.5), **look)
-        axes.axhline(
-            rows.middles[-1] - ROW / 2 - 4, -210 / (WIDTH - 66 - SOURCES), 1, color=FAINT, linewidth=0.8, clip_on=False
-        )
+        axes.axhline(rows.middles[-1] - ROW / 2 - 4, -210 / across, 1, color=FAINT, linewidth=0.8, clip_on=False)
         samples = [page.patch(color=colour) for colour in (FIRST_BAR, BAR)]
         page.explain(12, 6, [(sample, printable(words, 50)) for sample, words in zip(samples, called, strict=True)])
-        listed = "; ".join(
-            f"{label} {_spread(values[0], decimals)} and {_spread(values[1], decimals)}" for label, values in spreads
-        )
+        listed = "; ".join(f"{label} {' and '.join(_spread(v, decimals) for v in values)}" for label, values in spreads)
         words = f"Standard deviations in mm, {called[0]} and {called[1]}: {listed}."
         return page.svg(f"Budgets at target {second.name}, {called[0]} and {called[1]}", words)
 
@@ -342,9 +327,8 @@ def draw_errors(
         axes.stairs(both[1], second.edges_mm[: len(both[1]) + 1], fill=True, color=BAR_PALE, alpha=0.6)
         marks = []
         looks = ((FIRST_LINE, DASHED), (VALUE_COLOUR, "-"))
-        for entry, values, p95, words, (colour, dashes) in zip(
-            (first, second), both, p95_mm, called, looks, strict=True
-        ):
+        drawn = zip((first, second), both, p95_mm, called, looks, strict=True)
+        for entry, values, p95, words, (colour, dashes) in drawn:
             edges = entry.edges_mm[: len(values) + 1]
             axes.stairs(values, edges, color=colour, linewidth=1.5, linestyle=dashes)
             axes.axvline(p95, color=colour, linewidth=1.6, linestyle=dashes)
@@ -407,7 +391,7 @@ def _sweep_title(sweep: Sweep) -> str:
     return f"Sweep: {sweep.provenance.design_name}"
 
 
-def _worst(point: SweepPoint) -> SweepTarget:
+def find_worst(point: SweepPoint) -> SweepTarget:
     return max(point.targets, key=lambda target: target.p95_mm)
 
 
@@ -423,7 +407,7 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
                 curves.setdefault(target.name, []).append((x, target, fails))
         elif point.targets:  # without targets it was refused: a gap
             unit = f" {sweep.axes[other].unit}" if sweep.axes[other].unit else ""
-            curves.setdefault(f"{point.values[other]:g}{unit}", []).append((x, _worst(point), fails))
+            curves.setdefault(f"{point.values[other]:g}{unit}", []).append((x, find_worst(point), fails))
     shown = _how(sweep)
     if other is not None:
         shown += f"; curves: {_axis_name(sweep.axes[other])}; the target with the largest P95"
@@ -470,7 +454,10 @@ def _draw_curve(axes: Axes, curve: Sequence[tuple[float, SweepTarget, bool]], co
     x, y = [at for at, *_ in curve], [target.p95_mm for _, target, _ in curve]
     ends = [target.p95_interval_mm or (target.p95_mm, target.p95_mm) for _, target, _ in curve]
     if any(low < high for low, high in ends):
-        axes.errorbar(x, y, _bars(y, ends), fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
+        # none to an end on the wrong side, as a record that somebody changed may have
+        below = [max(0.0, at - low) for at, (low, _) in zip(y, ends, strict=True)]
+        above = [max(0.0, high - at) for at, (_, high) in zip(y, ends, strict=True)]
+        axes.errorbar(x, y, [below, above], fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
     axes.plot(x, y, "-o", color=colour)
     rings = [(at, target.p95_mm) for at, target, fails in curve if fails]
     if rings:
@@ -480,7 +467,7 @@ def _draw_curve(axes: Axes, curve: Sequence[tuple[float, SweepTarget, bool]], co
 def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
     """Cells coloured by P95 of the worst target."""
     columns, rows = (sorted(sweep.axes[place].values) for place in (across, down))
-    values = {(p.values[across], p.values[down]): _worst(p).p95_mm for p in sweep.points if p.targets}
+    values = {(p.values[across], p.values[down]): find_worst(p).p95_mm for p in sweep.points if p.targets}
     low, high = min(values.values()), max(values.values())
     wide, tall = 710 / len(columns), max(300 / len(rows), 14.0)
     cells = []
@@ -490,10 +477,8 @@ def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
             share = 0.0 if value is None or isclose(high, low) else (value - low) / (high - low)
             words = number(value, 3) if value is not None and wide >= 40 else ""
             cells.append((k, j, "" if value is None else shade(share), words, "#ffffff" if share > 0.45 else INK))
-    with titled_page(name, _sweep_title(sweep), f"{_how(sweep)}; empty: refused", 114 + tall * len(rows)) as (
-        page,
-        top,
-    ):
+    about = f"{_how(sweep)}; empty: refused"
+    with titled_page(name, _sweep_title(sweep), about, 114 + tall * len(rows)) as (page, top):
         page.say(15, top + 14, "P95 of the error at the tool, mm, at the target where it is largest", weight="bold")
         marks = [(page.patch(color=shade(k / 4)), number(low + (high - low) * k / 4, 3)) for k in range(5)]
         page.explain(15, top + 24, marks)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import isfinite
-from typing import Any
+from typing import Any, Literal
 
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem, escape
@@ -138,9 +138,8 @@ def _list_common_targets(names: list[list[str]]) -> list[str]:
 
 def _told_apart(report: Report, options: ReportContents, which: str) -> Report:
     """The report with commands that name the design it is of."""
-    drawn = "" if report.verification is None else drawing_options(options)
-    parts = "" if report.verification is not None else " --parts score"
-    commands = ("tailstack report --verify THIS_FILE", f"tailstack report first.yaml second.yaml{parts}{drawn}")
+    stated = " --parts score" if report.verification is None else drawing_options(options)
+    commands = ("tailstack report --verify THIS_FILE", f"tailstack report first.yaml second.yaml{stated}")
     made = replace(report.reproduction, commands=commands, statement=f"{which}.yaml is the design below.")
     return replace(report, reproduction=made)
 
@@ -170,13 +169,10 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
             raise RequestError(Problem("/fiducials/loss_probability", "no-bound", detail, hint))
         was, now = (_p95_at(report.verification, name) for report in (first, second))
         low, high = (now - was + (end - apart.value) for end in apart.interval)
-        conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
-        differences.append(
-            Difference(
-                name, "Monte Carlo", was, now, now - was, (low, high), CONFIDENCE,
-                conclusion,  # type: ignore[arg-type]
-            )
-        )  # fmt: skip
+        conclusion: Literal["smaller", "larger", "not decided"] = (
+            "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
+        )
+        differences.append(Difference(name, "Monte Carlo", was, now, now - was, (low, high), CONFIDENCE, conclusion))
     return tuple(differences)
 
 
@@ -206,10 +202,8 @@ def _headline(first: Report, second: Report, differences: tuple[Difference, ...]
     shown = decided_difference(second, differences)
     called = names or ("the first design", "the second design")
     told = [words if names else words.capitalize() for words in called]
-    judged, difference = (
-        _describe_verdict(told[1], second),
-        difference_sentence(shown, comparison_decimals(first, second), called[1]),
-    )
+    judged = _describe_verdict(told[1], second)
+    difference = difference_sentence(shown, comparison_decimals(first, second), called[1])
     also = [judged_first] if (judged_first := _describe_verdict(told[0], first)) else []
     return ComparisonHeadline(
         status=second.headline.status,
@@ -238,14 +232,10 @@ def _describe_verdict(which: str, report: Report) -> str:
 def difference_sentence(difference: Difference, decimals: int, second: str = "the second design") -> str:
     """The difference at one target in words; decimals: of P95; second: what the second design is called."""
     fine = difference_decimals(difference, decimals)
-    share = (
-        f" ({in_percent(abs(difference.difference_mm) / difference.first_p95_mm, 1)})"
-        if difference.first_p95_mm > 0
-        else ""
-    )
-    was, now = length(difference.first_p95_mm, decimals), length(difference.second_p95_mm, decimals)
-    ends = f"; P95 goes from {was} to {now} mm"
-    size = f"{abs(difference.difference_mm):.{fine}f} mm{share}"
+    first_mm, apart_mm = difference.first_p95_mm, abs(difference.difference_mm)
+    share = f" ({in_percent(apart_mm / first_mm, 1)})" if first_mm > 0 else ""
+    ends = f"; P95 goes from {length(first_mm, decimals)} to {length(difference.second_p95_mm, decimals)} mm"
+    size = f"{apart_mm:.{fine}f} mm{share}"
     if difference.interval_mm is None or difference.confidence is None:
         word = "smaller" if difference.difference_mm < 0 else "larger"
         return f"By estimate, P95 at {difference.target} is {size} {word} with {second}{ends}."
@@ -260,10 +250,8 @@ def _budget(first: Report, second: Report, target: str, names: Names) -> list[st
     """The contributor whose variance changed most."""
     before, after = (_variances(report, target) for report in (first, second))
     moved = {name: after.get(name, 0.0) - before.get(name, 0.0) for name in {**before, **after}}
-    if not moved:
-        return []
-    name = max(moved, key=lambda key: (abs(moved[key]), key))
-    if abs(moved[name]) <= SAME:
+    name = max(moved, key=lambda key: (abs(moved[key]), key), default="")
+    if not moved or abs(moved[name]) <= SAME:
         return []
     way = "less" if moved[name] < 0 else "more"
     label = _label(second, name) or _label(first, name)

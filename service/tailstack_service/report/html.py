@@ -28,17 +28,15 @@ def html_report(document: Document, record: bytes | None) -> str:
     blocks = [*document.figures, *(block for section in document.sections for block in section.blocks)]
     turned = any(isinstance(block, Figure) and block.scene for block in blocks)
     template = _environment().get_template("report.html")
-    return (
-        template.render(
-            document=document,
-            record=None if record is None else _inert(record),
-            generator=", ".join([f"tailstack {__version__}", *_libraries(blocks)]),
-            policy="" if record is None else content_policy(),
-            style=_style() if record is not None else _source("report.css"),
-            script=_source("viewer.js") if turned else "",
-        )
-        + "\n"
+    page = template.render(
+        document=document,
+        record=None if record is None else _inert(record),
+        generator=", ".join([f"tailstack {__version__}", *_libraries(blocks)]),
+        policy="" if record is None else content_policy(),
+        style=_style() if record is not None else _source("report.css"),
+        script=_source("viewer.js") if turned else "",
     )
+    return f"{page}\n"
 
 
 def _libraries(blocks: Iterable[Block]) -> list[str]:

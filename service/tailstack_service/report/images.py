@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from math import ceil, floor
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tailstack.design import Design, compile_design
 from tailstack.estimation.checks import imaged_fiducials, needed_gaps
@@ -21,6 +22,7 @@ from .svg import (
     LABEL_COLOUR,
     LONGEST,
     WIDTH,
+    Box,
     MarkedPoint,
     box,
     broken,
@@ -58,8 +60,8 @@ class ViewImage:
     before_px: Array | None  # (N, 2) where their images were, NaN where there was none
     margin_px: float
     spacing_px: float  # the most that one of these pairs needs
-    labels: tuple[str, ...] = field(default=())
-    unused: frozenset[int] = frozenset()  # fiducials that the view's estimate does not use: drawn hollow
+    labels: tuple[str, ...]
+    unused: frozenset[int]  # fiducials that the view's estimate does not use: drawn hollow
 
 
 def draw_images(design: Design, title: str, name: str = "images", before: Design | None = None) -> str:
@@ -70,7 +72,8 @@ def draw_images(design: Design, title: str, name: str = "images", before: Design
     """
     system = compile_design(design)
     old = None if before is None else compile_design(before)
-    views = [_view_image(design, system, old, index) for index in range(len(system.views))]
+    beams = zip(beams_of(design, system), system.sees > 0, strict=True)
+    views = [_view_image(design, system, old, beam, used) for beam, used in beams]
     parts: list[str] = []
     column, top, row_height = 0, 0.0, 0.0
     for view in views:
@@ -78,9 +81,8 @@ def draw_images(design: Design, title: str, name: str = "images", before: Design
         if column + len(windows) > 2:
             column, top, row_height = 0, top + row_height, 0.0
         for place, (low, high, whole) in enumerate(windows):
-            elements, height = _panel(
-                view, system, low, high, whole, place == len(windows) - 1, (column + place) * CELL, top
-            )
+            named = place == len(windows) - 1
+            elements, height = _panel(view, system, low, high, whole, named, (column + place) * CELL, top)
             parts += elements
             row_height = max(row_height, height)
         column += len(windows)
@@ -89,16 +91,14 @@ def draw_images(design: Design, title: str, name: str = "images", before: Design
     return picture(name, title, _words(views, system), bottom + 38, parts)
 
 
-def _view_image(design: Design, system: System, old: System | None, index: int) -> ViewImage:
-    beam = beams_of(design, system)[index]
+def _view_image(design: Design, system: System, old: System | None, beam: Beam, used: NDArray[np.bool_]) -> ViewImage:
+    """``used``: (N,) whether the view's estimate uses a fiducial."""
     points = imaged_fiducials(system)
     section = design.document.optimise
     images, depth = beam.images(points), depths(beam.view.projection, points)
-    radius = system.fiducial_radius_mm
-    needed = needed_gaps(beam.view, radius, np.where(depth > 0, depth, np.nan))
+    needed = needed_gaps(beam.view, system.fiducial_radius_mm, np.where(depth > 0, depth, np.nan))
     if section is not None:
         needed = np.fmax(needed, section.min_projected_spacing_px)
-    used = system.sees[index] > 0
     apart = np.hypot(*np.moveaxis(images[:, None] - images[None], -1, 0))
     pairs = np.argwhere(np.triu((apart < needed) & used & used[:, None], 1)).tolist()  # NaN is not
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
@@ -156,14 +156,12 @@ def _panel(
         text(x0, top + 16 + 15 * (k + 1 - len(names)), line_of_name, size=13, weight="bold")
         for k, line_of_name in enumerate(names)
     ]
-    for k, words in enumerate(_size(view.beam, whole)):
-        parts.append(text(x0, top + 32 + 14 * k, words, colour=MUTED))
+    parts += [text(x0, top + 32 + 14 * k, words, colour=MUTED) for k, words in enumerate(_size(view.beam, whole))]
     parts += [*_edges(view, page, frame, whole), *_ticks(frame, low, high, scale)]
     parts += _marks(view, system, page, frame, named)
-    parts += _scale_bar(view.beam, frame, scale) if whole else []
-    parts += _directions(view.beam, x1 - 34, top + 26) if whole else []
     foot = y1 + 46
     if whole:
+        parts += [*_scale_bar(view.beam, frame, scale), *_directions(view.beam, x1 - 34, top + 26)]
         for line_of_remark in (each for sentence in _remarks(view) for each in broken(sentence, 62)):
             parts.append(text(x0, foot, line_of_remark, colour=LIMIT_COLOUR))
             foot += 14
@@ -184,7 +182,7 @@ def _size(beam: Beam, whole: bool) -> tuple[str, ...]:
     return (words,)
 
 
-def _edges(view: ViewImage, page: Page, frame: tuple[float, float, float, float], whole: bool) -> list[str]:
+def _edges(view: ViewImage, page: Page, frame: Box, whole: bool) -> list[str]:
     if not whole:
         return [box(*frame, f'fill="#f7f9fa" stroke="{FAINT}" stroke-width="0.7" stroke-dasharray="3 3"')]
     low, high = view.beam.corners_px.min(axis=0), view.beam.corners_px.max(axis=0)
@@ -197,7 +195,7 @@ def _edges(view: ViewImage, page: Page, frame: tuple[float, float, float, float]
     return parts
 
 
-def _ticks(frame: tuple[float, float, float, float], low: Array, high: Array, scale: float) -> list[str]:
+def _ticks(frame: Box, low: Array, high: Array, scale: float) -> list[str]:
     x0, y0, x1, y1 = frame
     parts = [
         text(x1, y1 + 30, "u, px →", anchor="end", colour=MUTED),
@@ -215,9 +213,7 @@ def _ticks(frame: tuple[float, float, float, float], low: Array, high: Array, sc
     return parts
 
 
-def _marks(
-    view: ViewImage, system: System, page: Page, frame: tuple[float, float, float, float], named: bool
-) -> list[str]:
+def _marks(view: ViewImage, system: System, page: Page, frame: Box, named: bool) -> list[str]:
     parts, points, colours, paths = [], [], [], []
     at = page(view.fiducials_px)
     if view.before_px is not None:
@@ -264,7 +260,7 @@ def _ring(x: float, y: float, radius: float, colour: str, width: float, fill: st
     return f'<circle cx="{trim(x)}" cy="{trim(y)}" r="{trim(radius)}" {look}/>'
 
 
-def _scale_bar(beam: Beam, frame: tuple[float, float, float, float], scale: float) -> list[str]:
+def _scale_bar(beam: Beam, frame: Box, scale: float) -> list[str]:
     """A length at the detector, below the plot, where the pitch is known."""
     if beam.pixel_mm is None:
         return []
@@ -322,11 +318,10 @@ def _remarks(view: ViewImage) -> list[str]:
 
 def _legend(seen: Sequence[ViewImage], y: float, compared: bool) -> list[str]:
     x = 12.0
-    entries = [("fiducial", "fiducial"), ("target", "target")]
     parts = []
-    for kind, words in entries:
-        parts += [shape(kind, x, y - 4), text(x + 11, y, words)]  # type: ignore[arg-type]
-        x += 30 + 6.2 * len(words)
+    for kind in ("fiducial", "target"):
+        parts += [shape(kind, x, y - 4), text(x + 11, y, kind)]
+        x += 30 + 6.2 * len(kind)
     if any(view.unused for view in seen):
         parts += [_ring(x, y - 4, 3.2, INK, 1.2), text(x + 11, y, "not used by this view")]
         x += 160
@@ -358,8 +353,5 @@ def _words(seen: Sequence[ViewImage], system: System) -> str:
         words = f"View {printable(view.beam.view.name, LONGEST)}: {' '.join(_size(view.beam, True))}"
         remarks = _remarks(view)
         sentences.append(words + (f"; {'; '.join(remarks)}" if remarks else ""))
-    return (
-        f"Images of {len(system.fiducials_mm)} fiducials and {len(system.targets)} targets. "
-        + ". ".join(sentences)
-        + "."
-    )
+    counts = f"Images of {len(system.fiducials_mm)} fiducials and {len(system.targets)} targets."
+    return f"{counts} {'. '.join(sentences)}."

@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from threading import Lock
 from typing import Any
 
@@ -31,10 +30,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import Transform
 
 from tailstack.geometry.arrays import Array
-from tailstack.results.look import FONT, INK, MUTED, STYLE
+from tailstack.results.look import MUTED, STYLE
 
 from ..rendering.text import columns
-from .svg import CHARACTER, picture, trim
+from .svg import CHARACTER, picture, text, trim
 
 _drawing = Lock()  # matplotlib's settings are one for the whole process
 
@@ -142,13 +141,9 @@ class SvgRenderer(RendererBase):
         width, _, _ = self.get_text_width_height_descent(s, prop, ismath)
         align = "left" if mtext is None else mtext.get_horizontalalignment()
         anchor, part = {"left": ("start", 0.0), "center": ("middle", 0.5), "right": ("end", 1.0)}[align]
-        look = [f'x="{trim(x + part * width)}" y="{trim(y)}"']
-        size, colour = prop.get_size_in_points(), to_hex(gc.get_rgb())
-        look += [f'font-size="{size:g}"'] if size != FONT else []
-        look += ['font-weight="bold"'] if prop.get_weight() == "bold" else []
-        look += [f'text-anchor="{anchor}"'] if anchor != "start" else []
-        look += [f'fill="{colour}"'] if colour != INK else []
-        self.parts.append(f"<text {' '.join(look)}>{escape(s)}</text>")
+        colour, size = to_hex(gc.get_rgb()), prop.get_size_in_points()
+        weight = "bold" if prop.get_weight() == "bold" else "normal"
+        self.parts.append(text(x + part * width, y, s, anchor=anchor, colour=colour, size=size, weight=weight))
 
     def _clip(self, gc: GraphicsContextBase, points: Array) -> str:
         """The attribute that keeps a path in its axes, where it would leave them."""

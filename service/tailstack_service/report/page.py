@@ -76,9 +76,8 @@ def beside(
     of: which of its two numbers are of the data: "both", "x", "y"; "axes": neither, both are parts of the axes.
     """
     look.setdefault("ha", "right" if shift[0] < 0 else "left")
-    where: Any = {"x": axes.get_xaxis_transform(), "y": axes.get_yaxis_transform(), "axes": axes.transAxes}.get(
-        of, "data"
-    )
+    known: dict[str, Any] = {"x": axes.get_xaxis_transform(), "y": axes.get_yaxis_transform(), "axes": axes.transAxes}
+    where = known.get(of, "data")
     axes.annotate(words, place, shift, xycoords=where, textcoords="offset points", annotation_clip=False, **look)
 
 
@@ -108,10 +107,6 @@ class BarRows:
             for k, line in enumerate(lines):
                 page.say(left - 10, top + middle + 4 + LINE * (k - (len(lines) - 1) / 2), line, ha="right")
         return axes
-
-
-def millimetres(value: float, name: str, decimals: int) -> str:
-    return f"{name} {value:.{decimals}f} mm"
 
 
 @contextmanager

@@ -312,9 +312,8 @@ def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
 def decided_difference(second: Report, differences: Sequence[Difference]) -> Difference:
     """The difference at the target that decides the second design's verdict, of which the first page speaks; where the
     first design does not have it, the one at the second's largest P95."""
-    return next(
-        (difference for difference in differences if difference.target == second.headline.target), differences[0]
-    )
+    there = (difference for difference in differences if difference.target == second.headline.target)
+    return next(there, differences[0])
 
 
 def _list_what_matters(
@@ -323,35 +322,28 @@ def _list_what_matters(
     """At most three sentences: what dominates, how much is to spare, what to be careful about."""
     target_score = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     checks = (score if verification is None else verification).verdict.checks
-    decisive, sentences = decisive_check(checks), list[str]()
+    decisive = decisive_check(checks)
     error = "tcp" if decisive is None else decisive.error
-    sources = sources_of(target_score, error)
     decimals = decimals_of(checks, target_score.p95_mm)
     biased = bias_sentence(target_score, error, decimals)
-    if biased:
-        sentences.append(biased)
-    refuted = None if verification is None or holds(score, verification) else _refutation(verification)
-    if refuted is not None:
-        sentences.append(refuted)
-    if biased or refuted is not None:
-        sources = []  # what a tolerance saves is not what matters, or not known
+    refuted = "" if verification is None or holds(score, verification) else _refutation(verification)
+    sentences = [sentence for sentence in (biased, refuted) if sentence]
+    # with one of these, what a tolerance saves is not what matters, or not known
+    sources = [] if sentences else sources_of(target_score, error)
     if sources and sources[0].share > 0:
         sentences.append(dominant_sentence(sources[0], target_score, error, decimals))
     if decisive is not None:
         sentences.append(margin_sentence(decisive, sources, decimals))
     if optimisation is not None:
         sentences.append(_describe_optimum(optimisation, decimals))
-    if refuted is None:
+    if not refuted:
         sentences.append(_caution(score, verification))
     return sentences[:3]
 
 
 def _describe_optimum(optimisation: Optimisation, decimals: int) -> str:
-    cost = (
-        ""
-        if optimisation.cost_before is None
-        else f" at a cost of {optimisation.cost_after:.4g} instead of {optimisation.cost_before:.4g}"
-    )
+    was, now = optimisation.cost_before, optimisation.cost_after
+    cost = "" if was is None else f" at a cost of {now:.4g} instead of {was:.4g}"
     missed = list(dict.fromkeys(check.requirement for check in optimisation.others if check.status != "pass"))
     but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
     after = f"{length(optimisation.p95_after_mm, decimals)} mm"

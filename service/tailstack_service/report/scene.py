@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from math import cos, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,14 +17,7 @@ import numpy as np
 
 from tailstack.design import Design, compile_design
 from tailstack.design.frames import mesh_of
-from tailstack.design.optimise_document import (
-    SearchBox,
-    SearchCylinder,
-    SearchRegion,
-    SearchSurface,
-    Sector,
-    Shaped,
-)
+from tailstack.design.optimise_document import SearchBox, SearchCylinder, SearchRegion, SearchSurface, Sector, Shaped
 from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
 from tailstack.measures.measure import Channel
@@ -120,8 +113,8 @@ LOOKS: dict[str, dict[str, Any]] = {  # of lines, faces, arrows and ellipsoids
 }
 
 
-def point(values: Array) -> Point3:
-    x, y, z = (round(float(v), 3) + 0.0 for v in values)
+def point(values: Array, decimals: int = 3) -> Point3:
+    x, y, z = (round(float(v), decimals) + 0.0 for v in values)
     return (x, y, z)
 
 
@@ -130,7 +123,7 @@ def points_of(values: Iterable[Array]) -> tuple[Point3, ...]:
 
 
 def place_in_words(values: Array) -> str:
-    x, y, z = (round(float(v), 2) + 0.0 for v in values)
+    x, y, z = point(values, 2)
     return f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
 
 
@@ -145,9 +138,8 @@ def box_lines(low: Array, high: Array) -> Lines:
     corners = {ends: np.where(ends, high, low) for ends in product((0, 1), repeat=3)}
     return [
         np.array([corners[a], corners[b]])
-        for a in corners
-        for b in corners
-        if a < b and sum(x != y for x, y in zip(a, b, strict=True)) == 1
+        for a, b in combinations(corners, 2)
+        if sum(x != y for x, y in zip(a, b, strict=True)) == 1
     ]
 
 
@@ -201,9 +193,7 @@ def region_lines(region: Shaped) -> Lines:
     shape = region.solid
     if isinstance(shape, SearchBox):
         return box_lines(np.array(shape.min_mm), np.array(shape.max_mm))
-    radii = [radius for radius in (shape.radius_mm, shape.inner_radius_mm) if radius > 0]
-    if len(set(radii)) == 1:
-        radii = radii[:1]
+    radii = dict.fromkeys(radius for radius in (shape.radius_mm, shape.inner_radius_mm) if radius > 0)
     if isinstance(shape, SearchCylinder):
         base, axis = np.array(shape.base_mm), np.array(shape.axis)
         if shape.sector is not None:
@@ -312,10 +302,7 @@ def targets(design: Design, system: System) -> list[Item]:
         regions.add(target.region)
         title = f"target {printable(target.name, LONGEST)}: {place_in_words(target.position_mm)}"
         items.append(Item("mark", "targets", "target", (point(target.position_mm),), in_lines(label, 18), title))
-    for entry in design.document.targets:
-        region = entry.region
-        if region is None:
-            continue
+    for region in (entry.region for entry in design.document.targets if entry.region is not None):
         lines: Lines = []
         if region.box is not None:
             centre, half = np.array(region.box.centre_mm), 0.5 * np.array(region.box.size_mm)
@@ -416,8 +403,7 @@ def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
     source = in_lines(name if crowded else f"{name} source", 18)
     title = f"source of view {name}: {place_in_words(beam.source_mm)}"
     items = [Item("mark", "beams", "source", (point(beam.source_mm),), source, title)]
-    for corner in corners:
-        items.append(Item("line", "beams", "ray", points_of([beam.source_mm, corner])))
+    items += [Item("line", "beams", "ray", points_of([beam.source_mm, corner])) for corner in corners]
     look = "detector" if beam.stated and beam.sized else "guessed"
     label = "" if crowded else in_lines(f"{name} detector", 18)
     items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {distance}"))
@@ -432,24 +418,18 @@ def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
 def beam_arrow(beam: Beam, shown: Array) -> Item:
     """An arrow towards the structure, from outside it, with the name of the view."""
     centre, radius = (shown.min(axis=0) + shown.max(axis=0)) / 2, radius_of(shown)
-    along = centre - beam.source_mm
-    along = along / np.linalg.norm(along)
+    along = unit(centre - beam.source_mm)
     ends = points_of([centre - 1.5 * radius * along, centre - 1.15 * radius * along])
     name = beam.view.name
     return Item("arrow", "directions", "beam", ends, in_lines(name, 18), f"beam of view {printable(name, LONGEST)}")
 
 
 def cameras(beams: Sequence[Beam]) -> tuple[ViewDirection, ...]:
-    cameras = [ViewDirection("iso", "Oblique", _rounded_unit(RIGHT), _rounded_unit(UP))]
-    for k, beam in enumerate(beams[:6]):
+    cameras = [ViewDirection("iso", "Oblique", point(RIGHT, 6), point(UP, 6))]
+    for k, beam in enumerate(beams[:6], 1):
         label = f"From {printable(beam.view.name, LONGEST)} source"
-        cameras.append(ViewDirection(f"view-{k + 1}", label, _rounded_unit(beam.right), _rounded_unit(beam.up)))
+        cameras.append(ViewDirection(f"view-{k}", label, point(beam.right, 6), point(beam.up, 6)))
     return (*cameras, ViewDirection("top", "From +z", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-
-
-def _rounded_unit(values: Array) -> Point3:
-    x, y, z = (round(float(v), 6) + 0.0 for v in values)
-    return (x, y, z)
 
 
 SHARE = 0.16  # of the layout's diagonal: the longest semi-axis or bias as drawn
@@ -496,9 +476,8 @@ def errors(system: System, score: Score | Errors, magnification: float, called: 
             name = printable(target.name, LONGEST)
             if np.linalg.norm(axes[0]) > 0:
                 lengths = ", ".join(f"{float(np.linalg.norm(axis)):.3g}" for axis in axes)
-                title = (
-                    f"{when}{word} error at {name}: 95 % ellipsoid, semi-axes {lengths} mm, P95 {metric.p95_mm:.3f} mm"
-                )
+                size_words = f"95 % ellipsoid, semi-axes {lengths} mm, P95 {metric.p95_mm:.3f} mm"
+                title = f"{when}{word} error at {name}: {size_words}"
                 points = (point(centre), *points_of(magnification * axes))
                 items.append(Item("ellipsoid", f"{kind}{suffix}", f"{kind}{suffix}", points, "", title))
             size = float(np.linalg.norm(bias))
@@ -556,13 +535,9 @@ MOST_NAMED = 3  # views: of more, detectors have no names of their own
 
 
 def scene_of(
-    design: Design,
-    score: Score | Errors | None,
-    title: str,
-    before: tuple[Design, Score | None] | None = None,
-    called: str = "before",
-    places: Sequence[WorthyPlace] = (),
-) -> LayoutScene:
+    design: Design, score: Score | Errors | None, title: str, before: tuple[Design, Score | None] | None = None,
+    called: str = "before", places: Sequence[WorthyPlace] = (),
+) -> LayoutScene:  # fmt: skip
     """The scene of a design and what was computed of it, if it was.
 
     before: another one that it is drawn over, without errors where it has no score.  called: what that one is called.

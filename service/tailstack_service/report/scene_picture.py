@@ -72,9 +72,8 @@ def draw_scene(scene: LayoutScene, name: str = "layout") -> str:
     near, far = fit(view, scene.near, NEAR), fit(view, scene.far, FAR, size=0.55)
     hidden = {layer.key for layer in scene.layers if not layer.shown}
     items = [item for item in scene.items if item.layer not in hidden]
-    around = [
-        item for item in scene.items if item.layer == "beams" or (item.layer not in hidden and item.layer in AROUND)
-    ]
+    wide = {"beams"} | (set(AROUND) - hidden)
+    around = [item for item in scene.items if item.layer in wide]
     parts += _panel(near, items, f"{name}-near")
     parts += _panel(far, around, f"{name}-far")
     legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
@@ -106,12 +105,10 @@ def _panel(sight: FittedCamera, items: Sequence[Item], name: str) -> list[str]:
     order = {"face": 0, "line": 1, "ellipsoid": 2, "arrow": 2, "mark": 2}
 
     def rank(item: Item) -> tuple[int, float]:
-        if item.layer == "floor":
-            return (0, -1e9) if item.kind == "face" else (1, -1e9)
         points = np.array(item.points[:1] if item.kind == "ellipsoid" else item.points)
-        return order[item.kind], sight.depth(points)
+        return order[item.kind], -1e9 if item.layer == "floor" else sight.depth(points)
 
-    drawn = [part for item in sorted(items, key=rank) for part in _draw_item(sight, item)]
+    drawn = [_draw_item(sight, item) for item in sorted(items, key=rank)]
     frame = f'<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="#d9dee3"/>'
     return [
         clip, f'<g clip-path="url(#{name}-clip)">', *drawn, "</g>", frame,
@@ -119,25 +116,24 @@ def _panel(sight: FittedCamera, items: Sequence[Item], name: str) -> list[str]:
     ]  # fmt: skip
 
 
-def _draw_item(sight: FittedCamera, item: Item) -> list[str]:
+def _draw_item(sight: FittedCamera, item: Item) -> str:
     points = np.array(item.points)
     tip = f"<title>{escape(printable(item.title, 2 * LONGEST))}</title>" if item.title else ""
     if item.kind == "mark":
-        x, y = sight.page(points)[0]
-        drawn = mark(item.look, float(x), float(y))
-        if sight.size != 1.0 and item.look != "image":
-            x, y, size = float(x), float(y), sight.size
-            move = f"translate({trim((1 - size) * x)} {trim((1 - size) * y)}) scale({size:g})"
-            return [f'<g transform="{move}">{drawn}{tip}</g>']
-        return [f"<g>{drawn}{tip}</g>"]
+        x, y = sight.page(points)[0].tolist()
+        drawn, size = mark(item.look, x, y), sight.size
+        if size == 1.0 or item.look == "image":
+            return f"<g>{drawn}{tip}</g>"
+        move = f"translate({trim((1 - size) * x)} {trim((1 - size) * y)}) scale({size:g})"
+        return f'<g transform="{move}">{drawn}{tip}</g>'
     look = LOOKS[item.look]
     if item.kind == "ellipsoid":
-        return [f"<g>{_ellipsoid(sight, points, look)}{tip}</g>"]
+        return f"<g>{_ellipsoid(sight, points, look)}{tip}</g>"
     page = sight.page(points)
     if item.kind == "face":
-        return [f'<g><path d="{_path(page)}Z" {_fill(look)} {_stroke(look)}/>{tip}</g>']
+        return f'<g><path d="{_path(page)}Z" {_fill(look)} {_stroke(look)}/>{tip}</g>'
     head = _head(page, look) if item.kind == "arrow" else ""
-    return [f'<g><path d="{_path(page)}" fill="none" {_stroke(look)}/>{head}{tip}</g>']
+    return f'<g><path d="{_path(page)}" fill="none" {_stroke(look)}/>{head}{tip}</g>'
 
 
 def mark(look: str, x: float, y: float) -> str:
@@ -271,8 +267,6 @@ _WORDS = {
     "fiducial": "fiducial", "new": "new fiducial", "old": "fiducial, {before}", "target": "target",
     "source": "X-ray source", "image": "image of a fiducial",
     "pivot 1": "{name}", "pivot 2": "{name}",
-}  # fmt: skip
-_LOOK_WORDS = {
     "tcp": "error at the tool", "tcp-before": "error at the tool, {before}", "bias": "bias",
     "bias-before": "bias, {before}", "localisation": "error as located", "keep-out": "keep-out zone",
     "region": "target region", "locator": "locator", "beam": "beam", "moved": "moved",
@@ -287,13 +281,13 @@ def _legend(scene: LayoutScene, items: Sequence[Item], x: float, y: float) -> tu
     """What the marks mean, one below the other, and where they end."""
     used = {item.look: item.title.rsplit(": ", 1)[0] for item in items}
     parts = []
-    for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
+    for look, words in _WORDS.items():
         if look not in used:
             continue
         caption = words.format(before=printable(scene.before, 12), name=used[look])
         if look in MAGNIFIED:
             caption += ", to scale" if scene.magnification == 1 else f", × {scene.magnification:g}"
-        parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
+        parts.append(_sample(look, x, y - 4) if look in LOOKS else mark(look, x, y - 4))
         lines = in_lines(caption, 34)
         parts += label_lines(x + 16, y, lines, INK)
         y += 16 + FONT * lines.count("\n")

@@ -87,21 +87,15 @@ def box(x0: float, y0: float, x1: float, y1: float, look: str) -> str:
 
 
 def text(
-    x: float,
-    y: float,
-    words: str,
-    *,
-    anchor: str = "start",
-    colour: str = INK,
-    size: int = FONT,
+    x: float, y: float, words: str, *, anchor: str = "start", colour: str = INK, size: float = FONT,
     weight: str = "normal",
-) -> str:
+) -> str:  # fmt: skip
     """One line of text; (x, y) is where its baseline begins, ends or has its middle."""
-    look = f'font-size="{size}"' if size != FONT else ""
+    look = f' font-size="{size:g}"' if size != FONT else ""
     look += f' font-weight="{weight}"' if weight != "normal" else ""
     look += f' text-anchor="{anchor}"' if anchor != "start" else ""
     look += f' fill="{colour}"' if colour != INK else ""
-    return f'<text x="{trim(x)}" y="{trim(y)}"{" " if look else ""}{look.strip()}>{escape(words)}</text>'
+    return f'<text x="{trim(x)}" y="{trim(y)}"{look}>{escape(words)}</text>'
 
 
 def label_lines(x: float, y: float, words: str, colour: str) -> list[str]:

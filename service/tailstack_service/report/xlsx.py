@@ -48,9 +48,8 @@ def xlsx_report(document: Document, record: bytes) -> bytes:
         "nan_inf_to_errors": False,
     }  # fmt: skip
     with xlsxwriter.Workbook(target, options) as book:
-        book.set_properties(
-            {"title": document.title[:250], "subject": document.kind, "author": "tailstack", "created": EPOCH}
-        )
+        about = {"title": document.title[:250], "subject": document.kind, "author": "tailstack", "created": EPOCH}
+        book.set_properties(about)
         formats = _Formats(book)
         _summary(book, formats, document)
         _provenance(book, formats, document)
@@ -159,10 +158,8 @@ def _pairs(sheet: Any, formats: _Formats, row: int, pairs: Sequence[tuple[str, s
     for place, (label, value) in enumerate(pairs, row):
         _text(formats, sheet, place, 0, label, look if look is TITLE else BOLD | WRAPPED)
         _text(formats, sheet, place, 1, value, look)
-        sheet.set_row(
-            place,
-            larger * max(_height(label, FRONT[0] / larger, True), _height(value, FRONT[1] / larger, "bold" in look)),
-        )
+        height = max(_height(label, FRONT[0] / larger, True), _height(value, FRONT[1] / larger, "bold" in look))
+        sheet.set_row(place, larger * height)
     return row + len(pairs)
 
 
@@ -226,9 +223,8 @@ def _sheet(book: Any, formats: _Formats, table: Table, title: str) -> None:
     for place, column in enumerate(table.columns):
         aligned = {"align": "right"} if column.numeric else {"align": "left", "indent": min(place, 1)}
         _text(formats, sheet, 1, place, heads[place], HEAD | aligned)
-    sheet.set_row(
-        1, max(_height(head, width * BOLD_LETTERS / LETTERS) for head, width in zip(heads, widths, strict=True))
-    )
+    height = max(_height(head, width * BOLD_LETTERS / LETTERS) for head, width in zip(heads, widths, strict=True))
+    sheet.set_row(1, height)
     for index, row in enumerate(table.rows, 2):
         for place, (cell, column) in enumerate(zip(row.cells, table.columns, strict=True)):
             _cell(formats, sheet, index, place, cell, _look_of(column, cell, min(place, 1) or row.depth))

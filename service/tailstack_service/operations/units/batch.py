@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from tailstack.batch import Batch
-from tailstack.errors import TailstackError
 from tailstack.results.batch import ScoredTable
 from tailstack.scoring import provenance
 
 from ...documents import to_json
-from ...problems import RefusedAt
 from ...processes.task import Outcome, UnitResult
 from ...tables import WRITERS, Format, hold_numbers, read_number
 from ..content import canonical, loaded_design
@@ -74,12 +72,7 @@ def _record(request: dict[str, Any], units: Sequence[dict[str, Any]]) -> ScoredT
 
 
 def _batch(request: dict[str, Any]) -> Batch:
-    try:
-        return compile_batch(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
-    except TailstackError as error:
-        if error.slug == "invalid-request":  # it is about the table, not about the design
-            raise RefusedAt.place(error) from None
-        raise
+    return compile_batch(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
 
 
 @lru_cache(maxsize=4)

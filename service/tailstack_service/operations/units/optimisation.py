@@ -134,10 +134,10 @@ def _ends(task: OptimisationTask, held: Mapping[bytes, bytes], position: int) ->
 
 def _front_specs(task: OptimisationTask, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
     """The best layouts go into the spec: to find them again would take every start."""
+    starts = {id(begun.parameters): number for number, begun in enumerate(prepared.starts)}
+    led = {id(end.parameters): number for number, end in prepared.ends.items()}
     layouts = []
     for item in search.iterates:
-        starts = {id(begun.parameters): number for number, begun in enumerate(prepared.starts)}
-        led = {id(end.parameters): number for number, end in prepared.ends.items()}
         was_led = id(item.parameters) in led
         number = (led if was_led else starts)[id(item.parameters)]
         layouts.append({"start": number, "led": was_led, "point": b64encode(_bytes([item.point])).decode()})

@@ -127,7 +127,7 @@ class RecordedSampler:
         if not all(spec in self.held for spec in specs):
             ahead = [_trials_spec(wanted, *span) for pair in wanted.then for span in spans(*pair, size)]
             end = max([wanted.stop, *(stop for _, stop in wanted.then)])
-            self._pending([*specs, *ahead], sum(1 for _ in spans(end, wanted.expected, size)))
+            self._require([*specs, *ahead], sum(1 for _ in spans(end, wanted.expected, size)))
         return (shard_from_bytes(self.held[spec]) for spec in specs)
 
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
@@ -135,19 +135,18 @@ class RecordedSampler:
         level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
         asked = _fields_of("units", wanted.plan.vertex, wanted) | level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
-        if not all(spec in self.held for spec in specs):
-            self._pending(specs)
+        self._require(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
     def radial(self, wanted: RadialTask) -> RadialEstimate:
         spec = canonical(_fields_of("radial", wanted.vertex, wanted))
-        if spec not in self.held:
-            self._pending([spec])
+        self._require([spec])
         estimate = json.loads(self.held[spec])
         return RadialEstimate(**{**estimate, "interval_mm": tuple(estimate["interval_mm"])})
 
-    def _pending(self, specs: list[bytes], remaining: int = 0) -> None:
-        raise Pending([spec for spec in specs if spec not in self.held], remaining)
+    def _require(self, specs: list[bytes], remaining: int = 0) -> None:
+        if missing := [spec for spec in specs if spec not in self.held]:
+            raise Pending(missing, remaining)
 
 
 def _fields_of(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:

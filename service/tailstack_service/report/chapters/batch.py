@@ -29,18 +29,16 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
     given = ", ".join(f"{name}: {pointer}" for name, pointer in record.pointers.items())
     ways = ", ".join(f"{count:,} {way}" for way, count in record.ways.items() if count)
     how = f"Rows were computed {ways}" + (f": {record.why}." if record.why else ".")
+    designs = (
+        group(Paragraph(f"Numbers of the design by column: {given}."), on=PAPER),
+        _table(record),
+        group(*(Paragraph(words) for words in _left_out(record)), on=TERMINAL),
+    )
     return compose_document(
         record,
         sha256,
         (
-            Section(
-                "Designs",
-                (
-                    group(Paragraph(f"Numbers of the design by column: {given}."), on=PAPER),
-                    _table(record),
-                    group(*(Paragraph(words) for words in _left_out(record)), on=TERMINAL),
-                ),
-            ),
+            Section("Designs", designs),
             Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
         ),
         kind="Table of designs",
@@ -69,10 +67,7 @@ def _table(record: ScoredTable) -> Table:
         written: Literal["fixed", "given"] = "fixed" if answer else "given"
         return Column(name, "mm" if answer else "", written if numeric else "text", 4, on, brief=name)
 
-    columns = (
-        Column("row", on=TERMINAL),
-        *(column(name, cells) for name, cells in record.columns.items()),
-    )
+    columns = (Column("row", on=TERMINAL), *(column(name, cells) for name, cells in record.columns.items()))
     rows = tuple(
         Row((str(k + 1), *cells), on=EVERYWHERE if k < SHOWN else PAPER)
         for k, cells in enumerate(zip(*record.columns.values(), strict=True))

@@ -37,7 +37,7 @@ from ..charts import draw_budgets, draw_dots, draw_errors
 from ..records import Comparison, Difference, Report, comparison_decimals, decided_difference, difference_decimals
 from .layout import layout_blocks
 from .optimisation import design_listing
-from .report import method_chapter, review_sections
+from .report import method_chapter, review_section
 from .score import say_misses
 
 COLUMNS = ("First", "Second")
@@ -63,7 +63,6 @@ class _Side(NamedTuple):
         return (self.report.verification or self.report.score).verdict
 
     def target(self, name: str) -> TargetScore:
-        """One of its targets."""
         return next(target for target in self.report.score.targets if target.name == name)
 
 
@@ -91,7 +90,7 @@ def comparison_document(comparison: Comparison, sha256: str) -> Document:
         Section("Both layouts", _layouts(*sides)),
         Section("Budgets side by side", tuple(_budgets(comparison, sides))),
         Section("Requirements and findings", _verdict_blocks(sides)),
-        *review_sections(second.design),
+        review_section(second.design),
         Section("Method and assumptions", _method(comparison, sides), reader="auditor"),
         *closing_sections(second.provenance, *_reproduction(second), design=second.design),
     ]
@@ -118,19 +117,14 @@ def _decimals(comparison: Comparison) -> int:
     return comparison_decimals(comparison.first, comparison.second)
 
 
-def _decisive(comparison: Comparison) -> Difference:
-    return decided_difference(comparison.second, comparison.differences)
-
-
 def _numbers(comparison: Comparison, sides: Sides) -> Iterator[KeyNumber]:
-    worst, decimals = _decisive(comparison), _decimals(comparison)
+    worst, decimals = decided_difference(comparison.second, comparison.differences), _decimals(comparison)
     for side, value in zip(sides, (worst.first_p95_mm, worst.second_p95_mm), strict=True):
         what = f"target {worst.target}, {name_basis(worst.basis)}"
         yield KeyNumber(f"P95, {side.called}", f"{length(value, decimals)} mm", what)
     fine = difference_decimals(worst, decimals)
-    size, *ends = (
-        signed_decimal(value, fine).replace("-", "−") for value in (worst.difference_mm, *(worst.interval_mm or ()))
-    )
+    values = (worst.difference_mm, *(worst.interval_mm or ()))
+    size, *ends = (signed_decimal(value, fine).replace("-", "−") for value in values)
     within = f"{' to '.join(ends)} mm, {in_percent(worst.confidence)}" if worst.confidence else "estimate"
     yield KeyNumber("Difference", f"{size} mm", within)
 
@@ -205,7 +199,7 @@ def _shots(sides: Sides) -> Iterator[Figure]:
 def _errors(comparison: Comparison, sides: Sides) -> Iterator[Figure]:
     """Both errors over one another at the targets that both reports draw, first where the second design is judged."""
     drawn = [{shown.target: shown for shown in side.report.distributions} for side in sides]
-    decides = _decisive(comparison)
+    decides = decided_difference(comparison.second, comparison.differences)
     for k, entry in enumerate(sorted(comparison.differences, key=lambda entry: entry is not decides)):
         if entry.target in drawn[0] and entry.target in drawn[1]:
             name = f"errors-{k + 1}"
@@ -343,11 +337,7 @@ def _provenance(comparison: Comparison, sides: Sides, sha256: str) -> Facts:
         pairs.append((_begin(side.called), side.report.title))
         pairs.append((f"SHA-256 of {side.the}", side.report.provenance.design_sha256 or "not known"))
     seed = comparison.second.reproduction.seed
-    return Facts(
-        "Provenance",
-        (
-            *pairs, *(() if seed is None else (("Seed of both", str(seed)),)), ("SHA-256 of this record", sha256),
-            ("Record", comparison.schema),
-            ("Computed by", f"tailstack {comparison.second.provenance.tailstack_version}"),
-        ),
-    )  # fmt: skip
+    pairs += [] if seed is None else [("Seed of both", str(seed))]
+    pairs += [("SHA-256 of this record", sha256), ("Record", comparison.schema)]
+    pairs.append(("Computed by", f"tailstack {comparison.second.provenance.tailstack_version}"))
+    return Facts("Provenance", tuple(pairs))

@@ -36,49 +36,43 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     counted, accepted = split_findings(record)
     errors = sum(finding.severity == "error" for finding in counted)
     warnings = sum(finding.severity == "warning" for finding in counted)
-    passed = sum(design.verdict == "pass" for design in record.designs)
+    passed = f"{sum(design.verdict == 'pass' for design in record.designs)} of {len(record.designs)}"
     tables = [findings_table("Findings", "Findings that count", counted)] if counted else []
     if accepted:
         tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
     numbers = [JudgedNumber(design.file, entry) for design in record.designs for entry in design.numbers]
     numbers.sort(key=lambda row: urgency(row.check))
-    designs = [designs_table(record)]
-    if any(design.not_judged for design in record.designs):
-        designs.append(unjudged_table(record))
+    made = record.provenance
+    pairs = (
+        ("Policy", made.policy_name),
+        ("SHA-256 of the policy", made.policy_sha256 or "could not be read"),
+        ("SHA-256 of the waivers", made.waivers_sha256 or "no waivers"),
+        ("SHA-256 of the baseline", made.baseline_sha256 or "no baseline"),
+        ("Waivers judged by", made.today),
+        ("SHA-256 of this record", sha256),
+        ("Record", record.schema),
+        ("Computed by", f"tailstack {made.tailstack_version}"),
+    )
     return Document(
         kind="Gate",
-        title=f"{record.provenance.policy_name}: gate of {spell_count(len(record.designs), 'design')}",
+        title=f"{made.policy_name}: gate of {spell_count(len(record.designs), 'design')}",
         tone=tone_of(record.verdict),
         status=record.verdict,
-        sentence=f"{passed} of {len(record.designs)} designs pass; {spell_count(errors, 'error')} and "
+        sentence=f"{passed} designs pass; {spell_count(errors, 'error')} and "
         f"{spell_count(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
         numbers=(
-            KeyNumber(
-                "Designs that pass", f"{passed} of {len(record.designs)}", f"mode {record.mode}, seed {record.seed}"
-            ),
+            KeyNumber("Designs that pass", passed, f"mode {record.mode}, seed {record.seed}"),
             KeyNumber("Errors", str(errors), "that count"),
             KeyNumber("Accepted", str(len(accepted)), "by waivers in force"),
         ),
         matters=tuple(f"{finding.file}: {finding.message}" for finding in counted if finding.severity == "error")[:3],
         requirements=numbers_table(numbers) if numbers else None,
         sections=(
-            Section("Designs", tuple(designs)),
+            Section("Designs", (designs_table(record), unjudged_table(record))),
             Section("Findings", tuple(tables) or (Bullets(("None.",)),)),
-            *closing_sections(record.provenance, Listing(_command(record)), Paragraph(REPRODUCTION)),
+            *closing_sections(made, Listing(_command(record)), Paragraph(REPRODUCTION)),
         ),
-        provenance=Facts(
-            "Provenance",
-            (
-                ("Policy", record.provenance.policy_name),
-                ("SHA-256 of the policy", record.provenance.policy_sha256 or "could not be read"),
-                ("SHA-256 of the waivers", record.provenance.waivers_sha256 or "no waivers"),
-                ("SHA-256 of the baseline", record.provenance.baseline_sha256 or "no baseline"),
-                ("Waivers judged by", record.provenance.today),
-                ("SHA-256 of this record", sha256),
-                ("Record", record.schema),
-                ("Computed by", f"tailstack {record.provenance.tailstack_version}"),
-            ),
-        ),
+        provenance=Facts("Provenance", pairs),
     )
 
 

@@ -18,12 +18,7 @@ Known = tuple[dict[str, object], Score]  # a design document and what was comput
 
 
 def layout_blocks(
-    now: Known,
-    title: str,
-    name: str = "layout",
-    before: Known | None = None,
-    called: str = "before",
-    of: str = "",
+    now: Known, title: str, name: str = "layout", before: Known | None = None, called: str = "before", of: str = ""
 ) -> tuple[Block, ...]:
     """Pictures of a layout, drawn over another one if that is given.
 

@@ -73,9 +73,9 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
     scored = score_if_determined(optimisation.design), score_if_determined(optimisation.design_before)
     more = len(optimisation.binding) - MOST_BINDING
     listed = "; ".join(optimisation.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
-    binding = (
-        f"What keeps it from being better: {listed}." if optimisation.binding else "Nothing keeps it from being better."
-    )
+    binding = f"What keeps it from being better: {listed}." if listed else "Nothing keeps it from being better."
+    changed = (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(optimisation, *scored))
+    checked = (estimates_table(check), *verdict_blocks(check.verdict), *sampling_blocks(check))
     return Document(
         kind="Optimised design",
         title=optimisation.provenance.design_name,
@@ -92,15 +92,8 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
             *(sentence_of(price.sentence) for price in optimisation.shadow_prices[:2]),
         ),
         sections=(
-            Section(
-                "What changed",
-                (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(optimisation, *scored)),
-            ),
-            Section(
-                "Check of the new design",
-                (estimates_table(check), *verdict_blocks(check.verdict), *sampling_blocks(check)),
-                on=PAPER,
-            ),
+            Section("What changed", changed),
+            Section("Check of the new design", checked, on=PAPER),
             Section("Certificate", certificate_blocks(optimisation), on=IN_DETAIL, reader="auditor"),
             Section("How sure", (say("how sure", _confidence_sentence(optimisation)),), on=On.PLAIN),
             *closing_sections(
@@ -132,11 +125,9 @@ def optimised_sentence(optimisation: Optimisation) -> str:
     worst = optimisation.worst_target
     decimals = decimals_of(optimisation.certificate.verification.verdict.checks)
     low, high = (length(end, decimals) for end in worst.p95_interval_mm)
-    return (
-        f"{optimisation.as_it_stood} ".lstrip()
-        + f"{sentence_of(optimisation.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
-        f"{low} to {high} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(optimisation))
-    )
+    checked = f"The new design was checked by Monte Carlo with a fresh seed: P95 {low} to {high} mm at {worst.name}."
+    told = (optimisation.as_it_stood, sentence_of(optimisation.objective), checked, *others_sentences(optimisation))
+    return " ".join(filter(None, told))
 
 
 def others_sentences(optimisation: Optimisation) -> tuple[str, ...]:
@@ -154,11 +145,8 @@ def sentence_of(words: str) -> str:
 
 def optimisation_numbers(optimisation: Optimisation) -> tuple[KeyNumber, ...]:
     decimals = decimals_of(optimisation.certificate.verification.verdict.checks)
-    before = (
-        "not determined"
-        if optimisation.p95_before_mm is None
-        else f"{length(optimisation.p95_before_mm, decimals)} mm before"
-    )
+    before_mm = optimisation.p95_before_mm
+    before = "not determined" if before_mm is None else f"{length(before_mm, decimals)} mm before"
     numbers = [KeyNumber("P95, estimate", f"{length(optimisation.p95_after_mm, decimals)} mm", before)]
     worst = optimisation.worst_target
     low, high = (length(end, decimals) for end in worst.p95_interval_mm)
@@ -194,11 +182,7 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
         _requirements_table(optimisation, now, before),
         group(*_costs(optimisation)),
         moved_table(optimisation),
-        *(
-            ()
-            if optimisation.moves is None or not optimisation.moves.alone
-            else (group(alone_table(optimisation.moves), on=PAPER),)
-        ),
+        *(() if optimisation.moves is None else (group(alone_table(optimisation.moves), on=PAPER),)),
         pivots_table(optimisation),
         say("to be drawn", *_say_redrawn(optimisation)),
         changes_table(optimisation.tolerances),
@@ -221,11 +205,8 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
     decimals = max((count_decimals(check.limit) for check in checks), default=3)  # of an estimate
 
     def look_up(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
-        of = (
-            {}
-            if known is None
-            else {(check.requirement, check.target): check.value for check in known[1].verdict.checks}
-        )
+        judged = () if known is None else known[1].verdict.checks
+        of = {(check.requirement, check.target): check.value for check in judged}
         return lambda row: of.get((row[0].requirement, row[0].target))
 
     units = {check.unit for check in checks}
@@ -243,14 +224,11 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
 
 def _costs(optimisation: Optimisation) -> Iterator[BlockGroup]:
     """Cost and what it is made of, and what else was decided."""
-    if optimisation.cost_before or optimisation.cost_after:
-        change = (
-            ""
-            if not optimisation.cost_before
-            else f" ({100 * (optimisation.cost_after / optimisation.cost_before - 1):+.0f} %)"
-        )
+    before, after = optimisation.cost_before, optimisation.cost_after
+    if before or after:
+        change = f" ({100 * (after / before - 1):+.0f} %)" if before else ""
         made_of = _cost_in_words(optimisation)
-        words = f"{number(optimisation.cost_after)}, before {number(optimisation.cost_before)}{change}"
+        words = f"{number(after)}, before {number(before)}{change}"
         yield say("cost", words + (f"; {made_of}" if made_of else ""))
     if optimisation.scaling is not None:
         yield say("scaling", f"all free half-widths times {number(optimisation.scaling)}")
@@ -299,7 +277,7 @@ def changes_csv(optimisation: Optimisation) -> str:
                 each.before_half_width if each.before_drawn is None else plain_text(each.before_drawn),
                 each.after_half_width if each.before_drawn is None else plain_text(each.grade or ""),
                 each.unit,
-                "" if each.cost_before is None else each.cost_before,
+                each.cost_before,
                 each.cost_after,
             )
             for each in optimisation.tolerances
@@ -412,11 +390,8 @@ def _compare_costs(optimisation: Optimisation, closed_form: float) -> str:
     """What the half-widths cost by each of the laws that they were chosen with."""
     own = sum(entry.cost_after for entry in optimisation.tolerances) + optimisation.cost_of_moves
     others = optimisation.cost_after - own  # fiducials, and a view that was added
-    exact = (
-        ""
-        if optimisation.cost_exact_law is None
-        else f"{number(optimisation.cost_exact_law - others, 5)} by the exact law, "
-    )
+    by_law = optimisation.cost_exact_law
+    exact = "" if by_law is None else f"{number(by_law - others, 5)} by the exact law, "
     text = f"{number(closed_form, 5)} by the smooth closed form, {exact}{number(own, 5)} with the margin of the check"
     return text + (", grades chosen" if any(entry.grade is not None for entry in optimisation.tolerances) else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from tailstack.results.radiostereometry import DoubleExaminations, MarkerModel, Radiostereometry
@@ -20,8 +21,7 @@ PUBLISHED = (
     "to 0.14 mm (Clinical Biomechanics 2014, S0268-0033(14)00139-9). A design has no motion of the patient, and no "
     "marker that is loose or hidden."
 )
-
-
+_IN_MM = partial(Column, unit="mm", kind="fixed", digits=4)
 Precision = tuple[str, str, str, tuple[float | None, ...]]  # body, number, unit; estimate, simulated, from, to
 
 
@@ -49,26 +49,13 @@ def models_table(found: Radiostereometry) -> Table:
         Column("Body", of=lambda row: row.body),
         Column("Against", of=lambda row: row.against or "the cage"),
         Column("Markers", kind="whole", of=lambda row: row.markers),
-        Column(
-            "Condition number",
-            "1/m",
-            "fixed",
-            0,
-            brief="condition\nnumber\n1/m",
-            of=lambda row: row.condition_number_per_m,
-        ),
-        Column(
-            "Mean error of fitting",
-            "mm",
-            "fixed",
-            4,
-            brief="mean error\nof fitting\nmm",
-            of=lambda row: _fitting_of(row.estimate),
-        ),
-        Column("Simulated", "mm", "fixed", 4, brief="simulated\nmm", of=lambda row: _fitting_of(row.simulated)),
-        Column("From", "mm", "fixed", 4, PAPER, of=lambda row: _fitting_of(row.simulated_from)),
-        Column("To", "mm", "fixed", 4, PAPER, of=lambda row: _fitting_of(row.simulated_to)),
-    )
+        Column("Condition number", "1/m", "fixed", 0, brief="condition\nnumber\n1/m",
+               of=lambda row: row.condition_number_per_m),
+        _IN_MM("Mean error of fitting", brief="mean error\nof fitting\nmm", of=lambda row: _fitting_of(row.estimate)),
+        _IN_MM("Simulated", brief="simulated\nmm", of=lambda row: _fitting_of(row.simulated)),
+        _IN_MM("From", on=PAPER, of=lambda row: _fitting_of(row.simulated_from)),
+        _IN_MM("To", on=PAPER, of=lambda row: _fitting_of(row.simulated_to)),
+    )  # fmt: skip
     return tabulate("Marker models", "Marker models, and how well their markers fit", columns, found.bodies, USUAL)
 
 
@@ -110,8 +97,8 @@ def lines_table(found: Radiostereometry) -> Table:
     columns = (
         Column("Marker", of=lambda row: row.target),
         Column("Views", of=lambda row: " and ".join(row.views)),
-        Column("Expected", "mm", "fixed", 4, of=lambda row: row.mean_mm),
-        Column("Root mean square", "mm", "fixed", 4, of=lambda row: row.rms_mm),
+        _IN_MM("Expected", of=lambda row: row.mean_mm),
+        _IN_MM("Root mean square", of=lambda row: row.rms_mm),
     )
     caption = "Crossing-line error: the shortest distance of the two rays to a marker, everything drawn, by estimate"
     return tabulate("Crossing lines", caption, columns, found.crossing_lines)

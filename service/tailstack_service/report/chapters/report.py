@@ -8,7 +8,7 @@ from tailstack.design.review import Comment, Review
 from tailstack.results.digits import decimals_of
 from tailstack.results.score import targets_table, views_table
 from tailstack.results.tables import LONG_TABLE, Column, tabulate
-from tailstack.results.verdicts import checks_table, findings_table, requirements_table
+from tailstack.results.verdicts import requirements_table
 from tailstack.results.verification import estimates_table
 
 from ...rendering.document import (
@@ -23,6 +23,7 @@ from ...rendering.document import (
     closing_sections,
     provenance_facts,
     tone_of,
+    verdict_blocks,
 )
 from ...rendering.sentences import units_sentence
 from ..charts import draw_distribution
@@ -59,7 +60,7 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("The error", error_chapter(report)),
         Section("The layout", (*layout_blocks(drawn, report.title), beads_table(report.design))),
         Section("Requirements and findings", judged_blocks(report)),
-        *review_sections(report.design),
+        review_section(report.design),
     ]
     if report.radiostereometry is not None:
         sections.insert(0, Section("Radiostereometry", radiostereometry_blocks(report.radiostereometry)))
@@ -71,9 +72,8 @@ def report_document(report: Report, sha256: str) -> Document:
         blocks = (summary, *optimised_layout(*scored), *change_blocks(optimisation, *scored))
         sections.append(Section("The optimised design", blocks))
         check = estimates_table(optimisation.certificate.verification, " of the new design")
-        sections.append(
-            Section("Certificate of the optimum", (check, *certificate_blocks(optimisation)), reader="auditor")
-        )
+        proof = (check, *certificate_blocks(optimisation))
+        sections.append(Section("Certificate of the optimum", proof, reader="auditor"))
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
         *closing_sections(report.provenance, *reproduction_blocks(report), design=report.design),
@@ -109,14 +109,9 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
         p95 = target.p95_mm if sampled is None else sampled.p95_mm
         interval = None if sampled is None else sampled.p95_interval_mm
         name = f"distribution-{k + 1}"
-        blocks.append(
-            Figure(
-                name,
-                draw_distribution(shown, p95, interval, target.limit_mm, name, decimals),
-                f"Target {shown.target}: size of the error at the tool, as estimated"
-                + (" and as simulated." if sampled is not None else "."),
-            )
-        )
+        how = "as estimated" if sampled is None else "as estimated and as simulated"
+        svg = draw_distribution(shown, p95, interval, target.limit_mm, name, decimals)
+        blocks.append(Figure(name, svg, f"Target {shown.target}: size of the error at the tool, {how}."))
     if report.verification is not None:
         blocks.append(estimates_table(report.verification))
     units = units_sentence(report.score.worst_target, report.score.decimals)
@@ -128,12 +123,7 @@ def judged_blocks(report: Report) -> tuple[Block, ...]:
     """Requirements by Monte Carlo and to first order, findings, what the views see."""
     verdicts = [] if report.verification is None else [report.verification.verdict]
     verdicts.append(report.score.verdict)
-    blocks: list[Block] = [checks_table(*verdicts)] if verdicts[0].checks else []
-    findings = verdicts[0].findings
-    if findings:
-        blocks.append(findings_table(findings))
-    if report.score.views:
-        blocks.append(views_table(report.score.views))
+    blocks: list[Block] = [*verdict_blocks(*verdicts), views_table(report.score.views)]
     if any(line.mixture for line in report.score.losses):
         blocks.append(losses_listed(report.score))
     return tuple(blocks)
@@ -154,26 +144,23 @@ def reproduction_blocks(report: Report) -> tuple[Block, ...]:
     return (Listing("\n".join(made.commands), "Commands"), facts, Bullets((made.statement,)))
 
 
-def review_sections(design: dict[str, Any]) -> tuple[Section, ...]:
-    """The chapter of a design document; none where nobody has commented or kept a version."""
+def review_section(design: dict[str, Any]) -> Section:
+    """The chapter of a design document; not shown where nobody has commented or kept a version."""
     review = Review.model_validate(design.get("review") or {})
-    blocks: list[Block] = []
-    if review.comments:
-        listed = sorted(review.comments, key=lambda comment: comment.resolved)
-        count = sum(not comment.resolved for comment in listed)
-        columns = (
-            Column("On", of=_pin), Column("Comment", of=lambda comment: comment.text),
-            Column("By", of=lambda comment: comment.author), Column("When", of=lambda comment: comment.date or ""),
-            Column("State", of=lambda comment: "resolved" if comment.resolved else "open"),
-        )  # fmt: skip
-        blocks.append(tabulate("Comments", f"Comments, {count} of them open", columns, listed, most=LONG_TABLE))
-    if review.versions:
-        kept: tuple[Column, ...] = (
-            Column("Version", of=lambda version: version.name), Column("Note", of=lambda version: version.note),
-            Column("Kept", of=lambda version: version.date or ""),
-        )  # fmt: skip
-        blocks.append(tabulate("Versions", "Versions kept in the design document", kept, review.versions))
-    return (Section("Review", tuple(blocks)),) if blocks else ()
+    listed = sorted(review.comments, key=lambda comment: comment.resolved)
+    count = sum(not comment.resolved for comment in listed)
+    columns = (
+        Column("On", of=_pin), Column("Comment", of=lambda comment: comment.text),
+        Column("By", of=lambda comment: comment.author), Column("When", of=lambda comment: comment.date or ""),
+        Column("State", of=lambda comment: "resolved" if comment.resolved else "open"),
+    )  # fmt: skip
+    kept = (
+        Column("Version", of=lambda version: version.name), Column("Note", of=lambda version: version.note),
+        Column("Kept", of=lambda version: version.date or ""),
+    )  # fmt: skip
+    comments = tabulate("Comments", f"Comments, {count} of them open", columns, listed, most=LONG_TABLE)
+    versions = tabulate("Versions", "Versions kept in the design document", kept, review.versions)
+    return Section("Review", (comments, versions))
 
 
 def _pin(comment: Comment) -> str:

@@ -141,7 +141,6 @@ def _margin(score: Score) -> tuple[str, ...]:
 
 
 def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
-    """Where the error at one target comes from."""
     count = len(score.targets)
     others = f" (of {count} targets; --target NAME shows another)" if count > 1 else ""
     missed = " where no fiducial is missed" if is_of_all_shots(score.verdict) else ""
@@ -210,7 +209,6 @@ def second_order(target: TargetScore, decimals: int) -> tuple[str, ...]:
 
 
 def reliability_blocks(score: Score) -> tuple[Block, ...]:
-    """The slips of images that do most before they are noticed."""
     if not score.reliability:
         return ()
     columns = (
@@ -350,20 +348,18 @@ def measures_blocks(found: Score | Verification) -> tuple[Block, ...]:
     """Measures of other errors than those at the targets, if there are any, what leaves its corridor, and quality
     figures of what has a limit."""
     measures, quality = found.measures, quality_table(found.targets, found.measures)
-    breaches = (breaches_table(measures),) if any(measure.breaches for measure in measures) else ()
     told = tuple(group(each, on=IN_DETAIL) for each in (shares_table(measures), quality) if each is not None)
-    return (*((measures_table(measures),) if measures else ()), *breaches, *told)
+    return (measures_table(measures), breaches_table(measures), *told)
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
-    views = (views_table(score.views),) if score.views else ()
     return (
         *dots_blocks(score),
         group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
         *measures_blocks(score),
         group(Paragraph(units_sentence(score.worst_target, score.decimals)), on=PAPER),
         group(*verdict_blocks(score.verdict), on=PAPER),
-        group(*views, on=IN_DETAIL),
+        group(views_table(score.views), on=IN_DETAIL),
         say("fiducials in the images", views_sentence(score.views), on=On.PLAIN),
         group(*((losses_listed(score),) if score.losses else ()), on=PAPER),
     )
@@ -448,20 +444,14 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
     """Pictures and table of the budget of the targets with the largest P95."""
     blocks: list[Block] = []
     if len(score.targets) > DETAILED:
-        blocks.append(
-            Paragraph(
-                f"Shown are the {DETAILED} targets with the largest P95 of {len(score.targets)}; the record has all."
-            )
-        )
+        shown = f"Shown are the {DETAILED} targets with the largest P95 of {len(score.targets)}; the record has all."
+        blocks.append(Paragraph(shown))
+    what = "share of the variance of each contributor, each bar beginning where the one above ends"
     for k, target in enumerate(sorted(score.targets, key=lambda target: -target.p95_mm)[:DETAILED]):
-        suffix = "" if k == 0 else f"-{k + 1}"
+        picture = "waterfall" if k == 0 else f"waterfall-{k + 1}"
+        draw = partial(draw_shares, target.contributors, target.name, picture)
         blocks += [
-            Figure(
-                f"waterfall{suffix}",
-                partial(draw_shares, target.contributors, target.name, f"waterfall{suffix}"),
-                f"Target {target.name}: share of the variance of each contributor, each bar beginning where the one "
-                "above ends.",
-            ),
+            Figure(picture, draw, f"Target {target.name}: {what}."),
             budget_with_slack(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances, score.decimals),
             group(live_budget(target, "What if", allowances, score.verdict.checks), on=On.SHEET),
         ]
@@ -646,13 +636,8 @@ def method_blocks(score: Score) -> tuple[Block, ...]:
         "in the covariance. A tolerance is a half-width with the law named in the budget.",
         *score.provenance.notes,
     )
-    return (
-        Facts(
-            "Method",
-            (
-                ("First order", "implicit differentiation of resection, triangulation and the chain to the tool"),
-                ("Validity number", f"nu = {validity.nu:.3g}, {validity.status}"),
-            ),
-        ),
-        Bullets(sentences),
+    pairs = (
+        ("First order", "implicit differentiation of resection, triangulation and the chain to the tool"),
+        ("Validity number", f"nu = {validity.nu:.3g}, {validity.status}"),
     )
+    return Facts("Method", pairs), Bullets(sentences)

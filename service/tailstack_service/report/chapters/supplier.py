@@ -175,6 +175,12 @@ def sheet_document(sheet: Sheet, sha256: str) -> Document:
     if made.assumed:
         words = f"Nobody stated these values, which are a start: {', '.join(made.assumed)}."
         sections.append(Section("To be settled", (Paragraph(words),)))
+    pairs = (
+        ("Design", made.design_name),
+        ("SHA-256 of the design", made.design_sha256 or "not known"),
+        ("SHA-256 of this record", sha256),
+        ("Made by", f"tailstack {made.tailstack_version}"),
+    )
     return Document(
         kind="Sheet for the supplier",
         title=made.design_name,
@@ -184,15 +190,7 @@ def sheet_document(sheet: Sheet, sha256: str) -> Document:
         numbers=tuple(_numbers(sheet)),
         figures=(Figure("dimensions", svg, caption),),
         sections=tuple(sections),
-        provenance=Facts(
-            "Provenance",
-            (
-                ("Design", made.design_name),
-                ("SHA-256 of the design", made.design_sha256 or "not known"),
-                ("SHA-256 of this record", sha256),
-                ("Made by", f"tailstack {made.tailstack_version}"),
-            ),
-        ),
+        provenance=Facts("Provenance", pairs),
         made=made,
         opening=(sheet.datum,),
         captions=True,
@@ -259,9 +257,7 @@ LEAST = 2.5  # radius of a bead, so that it is seen
 PIVOTS: tuple[Kind, ...] = ("pivot 1", "pivot 2")
 
 
-def draw_dimensions(
-    beads_mm: Array, pivots: Sequence[tuple[float, float, float]], diameter_mm: float | None, title: str, name: str
-) -> str:
+def draw_dimensions(beads_mm: Array, pivots: Sequence[Point], diameter_mm: float | None, title: str, name: str) -> str:
     """SVG.  beads_mm: (N, 3) in con; pivots: of the seats, mm, at most two; name: kebab-case, unique on the page."""
     shown = np.vstack([np.zeros(3), beads_mm, *([list(pivots)] if pivots else [])])
     low, high = shown.min(axis=0), shown.max(axis=0)
@@ -277,12 +273,12 @@ def draw_dimensions(
 
 
 def _elevation(
-    view: str, axis: int, beads_mm: Array, pivots: Sequence[tuple[float, float, float]], diameter_mm: float | None,
+    view: str, axis: int, beads_mm: Array, pivots: Sequence[Point], diameter_mm: float | None,
     corner: tuple[float, float], scale: float, low: Array, high: Array,
 ) -> list[str]:  # fmt: skip
     """One view; ``corner``: where the least coordinate across and the greatest up stand on the page."""
 
-    def place(point: Array | tuple[float, float, float]) -> tuple[float, float]:
+    def place(point: Array | Point) -> tuple[float, float]:
         return corner[0] + scale * (point[axis] - low[axis]), corner[1] + scale * (high[2] - point[2])
 
     right, foot = corner[0] + scale * (high[axis] - low[axis]), corner[1] + scale * (high[2] - low[2])

@@ -23,16 +23,14 @@ from ...rendering.document import (
     say,
 )
 from ...rendering.text import csv_text, list_reasons, plain_text, spell_count
-from ..charts import draw_sweep, refuse_undrawable
+from ..charts import draw_sweep, find_worst, refuse_undrawable
 
 EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
     """Every point as a row; with one axis, P95 over it as a picture."""
-    evaluated = [
-        (max(point.targets, key=lambda target: target.p95_mm), point) for point in sweep.points if point.targets
-    ]
+    evaluated = [(find_worst(point), point) for point in sweep.points if point.targets]
     refused = [point for point in sweep.points if point.status == "refused"]
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
     if evaluated:
@@ -46,20 +44,18 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     how = "by estimate" if scored else "by Monte Carlo"
     listed = Bullets(tuple(f"{_place(sweep, point.values)}: {point.reason}" for point in refused[:20]))
     axes = ", ".join(f"{axis.label} ({len(axis.values)} values)" for axis in sweep.axes)
+    points = (
+        group(Paragraph(f"Varied: {axes}; each point {how}."), on=PAPER),
+        group(_axes(sweep), on=TERMINAL),
+        points_table(sweep),
+        say("refused", *reasons),
+        group(*((listed,) if refused else ()), on=PAPER),
+    )
     return compose_document(
         sweep,
         sha256,
         (
-            Section(
-                "Points",
-                (
-                    group(Paragraph(f"Varied: {axes}; each point {how}."), on=PAPER),
-                    group(_axes(sweep), on=TERMINAL),
-                    points_table(sweep),
-                    say("refused", *reasons),
-                    group(*((listed,) if refused else ()), on=PAPER),
-                ),
-            ),
+            Section("Points", points),
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
         ),
         _command(sweep),
@@ -106,9 +102,8 @@ def _range_sentence(sweep: Sweep, evaluated: Sequence[EvaluatedPoint]) -> str:
     at_low, at_high = (_place(sweep, point.values) for _, point in ends)
     refused = len(sweep.points) - len(evaluated)
     over = f"{len(evaluated):,} of {len(sweep.points):,} points" if refused else f"all {len(evaluated):,} points"
-    error = "the error at the tool" + (
-        " at the worst target" if any(len(point.targets) > 1 for _, point in evaluated) else ""
-    )
+    several = any(len(point.targets) > 1 for _, point in evaluated)
+    error = "the error at the tool at the worst target" if several else "the error at the tool"
     if len(sweep.points) == 1:
         return f"P95 of {error} is {low}."
     range_text = f"goes from {low} ({at_low}) to {high} ({at_high}) over {over}"
@@ -140,14 +135,12 @@ def _matters(sweep: Sweep) -> Iterator[str]:
 def _method(sweep: Sweep) -> Bullets:
     if sweep.check == "score":
         how = "Each point is estimated, at the geometry that its own numbers give."
-    elif sweep.trials is None:
-        how = (
-            f"Each point is checked by Monte Carlo on the full chain, to the solver's own precision, seed {sweep.seed}."
-        )
     else:
-        how = f"Each point is checked by {sweep.trials:,} Monte Carlo trials of the full chain, seed {sweep.seed}."
-    same = "" if sweep.check == "score" else " One seed serves all points, so that they differ by their designs alone."
-    return Bullets((how + same, *sweep.provenance.notes))
+        by = "Monte Carlo on the full chain, to the solver's own precision"
+        by = by if sweep.trials is None else f"{sweep.trials:,} Monte Carlo trials of the full chain"
+        how = f"Each point is checked by {by}, seed {sweep.seed}."
+        how += " One seed serves all points, so that they differ by their designs alone."
+    return Bullets((how, *sweep.provenance.notes))
 
 
 def _command(sweep: Sweep) -> str:
@@ -159,9 +152,8 @@ def _command(sweep: Sweep) -> str:
 
 
 def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
-    return ", ".join(
-        f"{axis.short} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
-    )
+    pairs = zip(sweep.axes, values, strict=True)
+    return ", ".join(f"{axis.short} = {value:g} {axis.unit}".strip() for axis, value in pairs)
 
 
 def _figure(sweep: Sweep) -> tuple[Figure, ...]:

@@ -31,24 +31,17 @@ from .score import headline_figure, key_numbers, measures_blocks
 def verification_document(check: Verification, sha256: str) -> Document:
     """A check by itself."""
     headline, decimals = checked_headline(check), check.decimals
-    numbers = [
-        *key_numbers(headline, decimals),
-        KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
-        KeyNumber("Estimate / simulation", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
-    ]
+    found = (
+        group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
+        *measures_blocks(check),
+        group(*verdict_blocks(check.verdict), on=PAPER),
+        group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
+    )
     return compose_document(
         check,
         sha256,
         (
-            Section(
-                "Error and requirements",
-                (
-                    group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
-                    *measures_blocks(check),
-                    group(*verdict_blocks(check.verdict), on=PAPER),
-                    group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
-                ),
-            ),
+            Section("Error and requirements", found),
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
         ),
         f"tailstack verify design.yaml {drawn_by(check)} --json",
@@ -56,7 +49,11 @@ def verification_document(check: Verification, sha256: str) -> Document:
         tone=tone_of(check.verdict.status),
         status=check.verdict.status,
         sentence=headline.sentence,
-        numbers=tuple(numbers),
+        numbers=(
+            *key_numbers(headline, decimals),
+            KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
+            KeyNumber("Estimate / simulation", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
+        ),
         figures=(headline_figure(headline, check.targets, decimals),),
         requirements=requirements_table(check.verdict),
         question=f"Monte Carlo simulation of {check.trials:,} shots, each with its own installation and image noise.",
@@ -116,19 +113,16 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
     if check.losses is not None:
         some, none = check.losses.trials_with_losses, check.losses.trials_without_answer
         losses = (("Trials with a fiducial missed", f"{some:,}, of which {none:,} without an answer"),)
-    facts = Facts(
-        "Sampling",
-        (
-            ("Trials", f"{check.trials:,}"),
-            ("Seed", str(check.seed)),
-            ("Method", check.method),
-            ("Engine", check.engine),
-            ("Precision reached", f"{in_percent(check.precision_reached, 2)} of P95"),
-            ("Trials redone", f"{flagged:,}"),
-            *losses,
-            ("Ending", check.stopping),
-            ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
-        ),
+    pairs = (
+        ("Trials", f"{check.trials:,}"),
+        ("Seed", str(check.seed)),
+        ("Method", check.method),
+        ("Engine", check.engine),
+        ("Precision reached", f"{in_percent(check.precision_reached, 2)} of P95"),
+        ("Trials redone", f"{flagged:,}"),
+        *losses,
+        ("Ending", check.stopping),
+        ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
     )
     sentences = (
         "Each trial draws every tolerance and every image noise, runs the estimator itself (resection, triangulation, "
@@ -136,4 +130,4 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
         "Intervals are order-statistic intervals that assume no law; looks at the running sample are corrected for.",
         *check.provenance.notes,
     )
-    return (facts, group(Bullets(sentences), on=PAPER))
+    return Facts("Sampling", pairs), group(Bullets(sentences), on=PAPER)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from tailstack.results import ERRORS, Interval
 from tailstack.results.digits import percent
 from tailstack.results.look import BLUE, MUTED, VERMILION
-from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, fill, tabulate
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison
 from tailstack.studies.bench.levels import LevelCompared
 
-from ...rendering.document import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone, compose_study
+from ...rendering.document import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone, compose_study, say
 from ...rendering.sentences import trust_sentence
 from ...rendering.text import visible
 from ..charts import RING
@@ -37,10 +37,9 @@ def comparison_document(study: StudyComparison, sha256: str) -> Document:
     tests = [test for level in study.levels for test in level.tests]
     file, benches = study.file, max((level.benches for level in study.levels), default=0)
     held = f"against {benches:,} simulated benches, seed {study.seed}" if benches else "beside the prediction"
-    notes = (Facts("Notes", tuple(("note", note) for note in file.notes)),) if file.notes else ()
     of = {level.spread.of for level in study.levels if level.spread is not None}
     spread = "root of the trace of the covariance" if of == {"vectors"} else "standard deviation of the error norm"
-
+    trust = Paragraph(f"How good the prediction is: {trust_sentence(study.validity)}.")
     composed = compose_study(
         study,
         sha256,
@@ -57,14 +56,12 @@ def comparison_document(study: StudyComparison, sha256: str) -> Document:
         ),
         figure=("bench", partial(draw_comparison, study), "Mean error by level beside what such benches would give."),
         sections=(
-            Section("Notes", notes, on=TERMINAL),
-            Section("Means and spreads", (levels_table(study), *_unless_empty(axes_table(study)))),
-            Section("Findings", (findings_table(study.findings),) if study.findings else (), on=PAPER),
-            Section("Tests", _unless_empty(tests_table(study.levels)), on=IN_DETAIL),
-            Section("The largest errors", _unless_empty(tails_table(study.levels)), on=IN_DETAIL),
-            Section(
-                "Trust", (Paragraph(f"How good the prediction is: {trust_sentence(study.validity)}."),), on=On.PLAIN
-            ),
+            Section("Notes", (say("note", *file.notes),)),
+            Section("Means and spreads", (levels_table(study), axes_table(study))),
+            Section("Findings", (findings_table(study.findings),), on=PAPER),
+            Section("Tests", (tests_table(study.levels),), on=IN_DETAIL),
+            Section("The largest errors", (tails_table(study.levels),), on=IN_DETAIL),
+            Section("Trust", (trust,), on=On.PLAIN),
         ),
         command=f"tailstack study compare design.yaml --measurements {file.name} --error {study.error} "
         f"--instrument-sd {study.instrument_sd_mm:g} --seed {study.seed} --json",
@@ -77,10 +74,6 @@ def comparison_document(study: StudyComparison, sha256: str) -> Document:
         ending=f"measurements and prediction: {study.verdict}",
     )
     return replace(composed, findings=study.findings)
-
-
-def _unless_empty(table: Table) -> tuple[Table, ...]:
-    return (table,) if table.rows else ()
 
 
 def _end(interval: Interval | None, end: int) -> float | None:
@@ -128,8 +121,6 @@ class _AxisOf(NamedTuple):
 
 
 def axes_table(study: StudyComparison) -> Table:
-    """The mean error along each axis."""
-
     def says(row: _AxisOf) -> str:
         low, high = row.at("predicted_range_mm")
         return "" if low <= row.at("measured_mm") <= high else "outside"
@@ -169,7 +160,6 @@ _TOGETHER = attrgetter("part.p_adjusted")
 
 
 def tests_table(levels: Sequence[LevelCompared]) -> Table:
-    """Every test, by itself and all of them together."""
     columns = (
         *_LEVEL_OF_PART,
         Column("Test", of=lambda row: row.part.test),
@@ -260,18 +250,16 @@ def _draw_means(axes: Axes, levels: Sequence[LevelCompared]) -> None:
     axes.set(xlim=(0, max(len(levels), 1)), ylim=(0, 1.06 * axes.dataLim.y1))
     axes.set_xticks([])
     below = max(len(broken(level.level, letters)) for level in levels) if levels else 1
-    for line, words in enumerate(
-        ("dot and bar: measured, 95 %; line and band: predicted,", "95 % of benches run like this one")
-    ):
+    legend = "dot and bar: measured, 95 %; line and band: predicted,", "95 % of benches run like this one"
+    for line, words in enumerate(legend):
         beside(axes, (0.0, 0.0), words, (0, -28 - 12 * below - 14 * line), of="axes", ha="left", color=MUTED)
 
 
 def _draw_quantiles(axes: Axes, level: LevelCompared) -> None:
     points = level.quantiles
     across = [point.predicted_mm for point in points]
-    axes.fill_between(
-        across, [point.envelope_mm[0] for point in points], [point.envelope_mm[1] for point in points], color=BAND
-    )
+    least, most = ([point.envelope_mm[end] for point in points] for end in (0, 1))
+    axes.fill_between(across, least, most, color=BAND)
     for outside in (False, True):
         these = [point for point in points if point.outside == outside]
         look = RING if outside else {}

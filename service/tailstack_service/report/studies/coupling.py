@@ -108,8 +108,6 @@ def parts_table(study: StudyCoupling, shown: Sequence[CouplingCase], more: str) 
 
 
 class _Compared(NamedTuple):
-    """A ratio of a case."""
-
     case: CouplingCase
     name: str
     ratio: Ratio

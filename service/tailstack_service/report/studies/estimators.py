@@ -23,6 +23,7 @@ def estimators_document(study: StudyEstimators, sha256: str) -> Document:
         f"As good at: the extent of a structure of this shape that would do under it what this one of "
         f"{study.extent_mm:.0f} mm does under dlt."
     )
+    remarks = Bullets((*needs, *lacking))
     options = f"--focal-rel-sd {study.focal_rel_sd:g} --principal-point-px-sd {study.principal_point_px_sd:g}"
     trials = f" --trials {study.trials} --seed {study.seed}" if study.trials else ""
     return compose_study(
@@ -34,9 +35,7 @@ def estimators_document(study: StudyEstimators, sha256: str) -> Document:
         method="each estimator",
         sentences=study.conclusions,
         numbers=(KeyNumber("Smallest P95", f"{best.p95_mm:.3f} mm", best.estimator.replace("_", " ")),),
-        sections=(
-            Section("Side by side", (estimators_table(study), Paragraph(assumption), Bullets((*needs, *lacking)))),
-        ),
+        sections=(Section("Side by side", (estimators_table(study), Paragraph(assumption), remarks)),),
         command=f"tailstack study estimators design.yaml {options}{trials} --json",
     )
 

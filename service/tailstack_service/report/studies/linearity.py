@@ -13,7 +13,7 @@ from tailstack.results.look import FAINT, INK, MUTED
 from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within, is_beyond
 
-from ...rendering.document import Document, Facts, KeyNumber, Paragraph, Section, compose_study
+from ...rendering.document import Document, KeyNumber, Paragraph, Section, compose_study, say
 from ...rendering.text import csv_text, list_reasons, visible
 from ..page import draw_cells, titled_page
 
@@ -33,9 +33,9 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         "By how many % the estimate is off: no mark within 1 %, ~ within 5 %, + within 20 %, # beyond; ? open, as the "
         f"{percent(study.confidence, 0)} % interval reaches across; - refused."
     )
-    refused = tuple(
-        ("refused", reason) for reason in list_reasons([point.reason for point in study.points], MOST_REASONS)
-    )
+    maps = [map_table(study, count) for count in study.counts]
+    caption = "Estimated P95 over the simulated one: where it is within 1, 5 and 20 %."
+    refused = list_reasons([point.reason for point in study.points], MOST_REASONS)
     return compose_study(
         study,
         sha256,
@@ -49,18 +49,10 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
             KeyNumber("Within 1 %", f"{len(within):,}", f"of {len(evaluated):,}, by the whole interval"),
             KeyNumber("Promises broken", f"{len(broken):,}", "by the whole interval"),
         ),
-        figure=(
-            "linearity",
-            partial(draw_linearity, study),
-            "Estimated P95 over the simulated one: where it is within 1, 5 and 20 %.",
-        ),
+        figure=("linearity", partial(draw_linearity, study), caption),
         sections=(
-            Section(
-                "Maps",
-                (Paragraph(study.varied), Paragraph(legend), *(map_table(study, count) for count in study.counts)),
-                on=TERMINAL | On.PAGE,
-            ),
-            Section("Refused", (Facts("Refused", refused),) if refused else (), on=TERMINAL | On.PAGE),
+            Section("Maps", (Paragraph(study.varied), Paragraph(legend), *maps), on=TERMINAL | On.PAGE),
+            Section("Refused", (say("refused", *refused, on=TERMINAL | On.PAGE),) if refused else ()),
             Section("Every point", (points_table(study),), on=PAPER),
         ),
         command=f"tailstack study linearity design.yaml {options} --error {study.error} --trials {study.trials} --seed "
@@ -104,8 +96,6 @@ def map_table(study: StudyLinearity, count: int) -> Table:
 
 
 def points_table(study: StudyLinearity) -> Table:
-    """Every point of the grid."""
-
     def tell(point: LinearityPoint) -> str:
         return point.status if point.within is None else f"{point.within}{'' if point.sure else ', open'}"
 
@@ -147,14 +137,9 @@ def draw_linearity(study: StudyLinearity) -> str:
     points = points_by_place(study)
     title = f"Estimate over simulation: {study.provenance.design_name}"
     with titled_page("study", title, "", (down + 44) * len(study.counts) + 100, width) as (page, top):
-        marks = [
-            (
-                page.patch(facecolor=fill, edgecolor=FAINT, linewidth=0.5),
-                "further off" if w == "beyond" else f"within {w}",
-            )
-            for w, (fill, _) in FILL.items()
-        ]
-        page.explain(15, top + 8, marks)
+        patches = [page.patch(facecolor=fill, edgecolor=FAINT, linewidth=0.5) for fill, _ in FILL.values()]
+        words = ["further off" if within == "beyond" else f"within {within}" for within in FILL]
+        page.explain(15, top + 8, list(zip(patches, words, strict=True)))
         page.say(470, top + 18, "− optimistic, + pessimistic; ?: the interval leaves it open", color=MUTED)
         for row, count in enumerate(study.counts):
             upper = top + 62 + row * (down + 44)
@@ -166,10 +151,8 @@ def draw_linearity(study: StudyLinearity) -> str:
                 axes.set(xlim=(0, len(study.rotations_deg)), ylim=(0, len(study.noises_px)))
                 axes.grid(False)
                 axes.spines["bottom"].set_visible(False)
-                axes.set_xticks(
-                    [k + 0.5 for k in range(len(study.rotations_deg))], _with_unit(study.rotations_deg, "deg")
-                )
-                axes.set_yticks([k + 0.5 for k in range(len(study.noises_px))], _with_unit(study.noises_px, "px"))
+                axes.set_xticks(*_ticks_of(study.rotations_deg, "deg"))
+                axes.set_yticks(*_ticks_of(study.noises_px, "px"))
                 axes.tick_params(length=0, labelbottom=row == len(study.counts) - 1, labelleft=column == 0)
                 grid = product(enumerate(study.noises_px), enumerate(study.rotations_deg))
                 places = [(k, j, points[noise, rotation, spread, count]) for (j, noise), (k, rotation) in grid]
@@ -180,8 +163,8 @@ def draw_linearity(study: StudyLinearity) -> str:
         return page.svg(title, f"P95 at target {study.target}, deviation in per cent. {summary}")
 
 
-def _with_unit(values: Sequence[float], unit: str) -> list[str]:
-    return [f"{value:g} {unit}" for value in values]
+def _ticks_of(values: Sequence[float], unit: str) -> tuple[list[float], list[str]]:
+    return [k + 0.5 for k in range(len(values))], [f"{value:g} {unit}" for value in values]
 
 
 def _field(point: LinearityPoint) -> tuple[str, str, str]:

@@ -31,6 +31,12 @@ def placement_document(study: StudyPlacement, sha256: str) -> Document:
     base = study.cases[0]
     least = "-" if base.lower_bound_mm is None else f"{at_most(base.lower_bound_mm)} mm"
     left = f" Not counted, and can only add: {', '.join(study.left_out)}." if study.left_out else ""
+    about = Paragraph(
+        "One thing is changed at a time; half-widths, pivots and all else stay as designed, and the layout is free as "
+        "the design's section optimise says. Widths are about the middle of the envelope; of two views one is turned, "
+        "image and detector with it. The best layout found is the end of a search and need not be the best there is; "
+        f"that none is below the bound is proven, of the first-order law alone.{left}"
+    )
     return compose_study(
         study,
         sha256,
@@ -47,14 +53,7 @@ def placement_document(study: StudyPlacement, sha256: str) -> Document:
         sections=(Section("Every change", (cases_table(study),)),),
         command=f"tailstack study placement design.yaml --error {study.error} --starts {study.starts} --seed "
         f"{study.seed} --json",
-        about=(
-            Paragraph(
-                "One thing is changed at a time; half-widths, pivots and all else stay as designed, and the layout is "
-                "free as the design's section optimise says. Widths are about the middle of the envelope; of two views "
-                "one is turned, image and detector with it. The best layout found is the end of a search and need not "
-                f"be the best there is; that none is below the bound is proven, of the first-order law alone.{left}"
-            ),
-        ),
+        about=(about,),
     )
 
 
@@ -99,9 +98,8 @@ def draw_placement(study: StudyPlacement) -> str:
     low, high = min(values, default=0.0), max(values, default=1.0)
     margin = 0.06 * (high - low) or 0.05
     with titled_page("study-placement", title, about, 60 + rows * (TALL + BETWEEN), 2 * WIDE + 150) as (page, top):
-        found = page.sample(marker="o", color=BLUE)
         marks = [
-            (found, "best layout found"),
+            (page.sample(marker="o", color=BLUE), "best layout found"),
             (page.sample(marker="_", markersize=14, linestyle="", color=MUTED), "none below"),
             (page.sample(marker="o", linestyle="", color=VERMILION), "as designed"),
             (page.sample(color=FAINT, linestyle=DOTTED), "none below, of any structure"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from math import nan
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tailstack.results import ERRORS
 from tailstack.results.look import MUTED, VERMILION
@@ -27,6 +27,11 @@ def views_document(study: StudyViews, sha256: str) -> Document:
     best = [(name, view_map.best.p95_mm) for name, view_map in maps if view_map.best is not None]
     found = [KeyNumber(name, f"{p95_mm:.3f} mm", "P95 of the best direction") for name, p95_mm in best]
     caption = "P95 over the directions of each view's beam: what it costs or buys to turn it, and to add one."
+    about = Paragraph(
+        "Every direction is scored to first order under the declared laws, everything else as designed, one view at a "
+        "time. Whether the C-arm reaches a direction, and what of the patient or the table lies in its beam, is not "
+        "asked."
+    )
     return compose_study(
         study,
         sha256,
@@ -37,19 +42,13 @@ def views_document(study: StudyViews, sha256: str) -> Document:
         numbers=(KeyNumber("As designed", f"{study.p95_mm:.3f} mm", f"P95 at {study.target}"), *found),
         figure=("views", partial(draw_views, study), caption) if maps else None,
         sections=(
-            Section("The best directions", (maps_table(study),) if maps else (), on=TERMINAL | On.PAGE | On.SHEET),
-            Section("Angles", (angles_table(study),) if maps else (), on=PAPER),
-            Section("Every direction", (directions_table(study),) if maps else (), on=PAPER),
+            Section("The best directions", (maps_table(study),), on=TERMINAL | On.PAGE | On.SHEET),
+            Section("Angles", (angles_table(study),), on=PAPER),
+            Section("Every direction", (directions_table(study),), on=PAPER),
         ),
         command=f"tailstack study views design.yaml --cone-deg {study.cone_deg:g} --step-deg {study.step_deg:g} "
         f"--error {study.error} --json",
-        about=(
-            Paragraph(
-                "Every direction is scored to first order under the declared laws, everything else as designed, "
-                "one view at a time. Whether the C-arm reaches a direction, and what of the patient or the table "
-                "lies in its beam, is not asked."
-            ),
-        ),
+        about=(about,),
     )
 
 
@@ -57,8 +56,6 @@ BEAM_BRIEF = "its beam_direction\nin con"
 
 
 def maps_table(study: StudyViews) -> Table:
-    """The best direction of each map."""
-
     def write_allowed(view_map: ViewMap) -> str:
         return f"{sum(each.p95_mm is not None for each in view_map.directions)} of {len(view_map.directions)}"
 
@@ -76,7 +73,6 @@ def maps_table(study: StudyViews) -> Table:
 
 
 def angles_table(study: StudyViews) -> Table:
-    """Between the best beam of each map and those of the other views."""
     columns = (
         Column("View", of=lambda row: row[0]),
         Column("To", of=lambda row: row[1].view),
@@ -110,9 +106,8 @@ def draw_views(study: StudyViews) -> str:
     maps = maps_of(study)
     rows = -(-len(maps) // 2)
     title = f"P95 over the directions of views: {study.provenance.design_name}"
-    about = (
-        f"{study.error} error, at the target where it is largest; as designed {study.p95_mm:.3f} mm at {study.target}"
-    )
+    designed = f"as designed {study.p95_mm:.3f} mm at {study.target}"
+    about = f"{study.error} error, at the target where it is largest; {designed}"
     with titled_page("study-views", title, about, 48 + rows * (SQUARE + 130), 800) as (page, top):
         best = page.sample(marker="*", linestyle="", color=VERMILION, markersize=13)
         hidden = page.sample(marker="x", linestyle="", color=MUTED)
@@ -120,9 +115,8 @@ def draw_views(study: StudyViews) -> str:
         for number, (name, view_map) in enumerate(maps):
             left, upper = 70 + 390 * (number % 2), top + 106 + (SQUARE + 130) * (number // 2)
             page.say(left - 40, upper - 44, f"{shorten(name, 40)}: P95, mm", weight="bold")
-            axes = page.axes(
-                left, upper, left + SQUARE, upper + SQUARE, "turned to the right of the image, deg", "up, deg"
-            )
+            names = "turned to the right of the image, deg", "up, deg"
+            axes = page.axes(left, upper, left + SQUARE, upper + SQUARE, *names)
             levels = _draw_view_map(axes, view_map)
             marks = [(page.patch(color=shade(k / SHADES)), f"{level:.3f}") for k, level in enumerate(levels)]
             if marks:
@@ -148,10 +142,8 @@ def _draw_view_map(axes: Axes, view_map: ViewMap) -> list[float]:
         colours = [shade(k / SHADES) for k in range(SHADES)]
         axes.contourf(steps, steps, field, [*levels, 1.001 * high], colors=colours)
     for each in view_map.directions:
-        look: dict[str, Any] = (
-            {"marker": "x", "markersize": 5} if each.p95_mm is None else {"marker": ".", "markersize": 2}
-        )
-        axes.plot(each.right_deg, each.up_deg, linestyle="", color=MUTED, **look)
+        mark, size = ("x", 5) if each.p95_mm is None else (".", 2)
+        axes.plot(each.right_deg, each.up_deg, linestyle="", color=MUTED, marker=mark, markersize=size)
     if view_map.best is not None:
         axes.plot(view_map.best.right_deg, view_map.best.up_deg, "*", color=VERMILION, markersize=13, clip_on=False)
     return levels

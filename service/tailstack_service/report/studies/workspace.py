@@ -22,6 +22,11 @@ SQUARE, SHADES = 330, ("above 80 %", "to 80 %", "to 60 %", "to 40 %", "to 20 %")
 def workspace_document(study: StudyWorkspace, sha256: str) -> Document:
     """The share, the maps, and every field of them as a row."""
     low, high = (f"{100 * each:.1f}" for each in study.share_interval)
+    about = Paragraph(
+        f"{study.poses} poses, every joint uniform within {study.reach_deg:g} deg (a slide: mm) of the pose of the "
+        "shots, the tool at work there, to first order under the declared laws. Whether the arm reaches a pose, and "
+        "what it would hit, is not asked."
+    )
     return compose_study(
         study,
         sha256,
@@ -38,13 +43,7 @@ def workspace_document(study: StudyWorkspace, sha256: str) -> Document:
         sections=(Section("Every field of the maps", (fields_table(study),), on=PAPER),),
         command=f"tailstack study workspace design.yaml --poses {study.poses} --reach-deg {study.reach_deg:g} "
         f"--limit-mm {study.limit_mm:g} --target {study.target} --seed {study.seed} --json",
-        about=(
-            Paragraph(
-                f"{study.poses} poses, every joint uniform within {study.reach_deg:g} deg (a slide: mm) of the pose of "
-                "the shots, the tool at work there, to first order under the declared laws. Whether the arm reaches a "
-                "pose, and what it would hit, is not asked."
-            ),
-        ),
+        about=(about,),
     )
 
 
