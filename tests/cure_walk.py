@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from plain_data import replaced
+from plain_data import replaced, value_at
 from records import fields_of, records_below, words_of
 from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource
 from tailstack.design.refusals import refuse
@@ -109,9 +109,7 @@ def apply_fix(data: Any, problem: Problem) -> Any:
     data = copy.deepcopy(data)
     for edit in problem.fix:
         *way, last = steps_of(edit.path)
-        node = data
-        for step in way:
-            node = node[step]
+        node = value_at(data, way)
         if edit.op == "remove":
             del node[last]
         else:
@@ -129,22 +127,16 @@ def ways_to_obey(data: Any, problem: Problem) -> list[Any]:
         if found := re.search(pattern, problem.hint):
             return [replaced(data, steps, yaml.safe_load(each)) for each in found.groups()]
     if row := re.search(r"add (\[0, 0, 0, 1\])$", problem.hint):
-        node = data
-        for step in steps:
-            node = node[step]
-        return [replaced(data, steps, [*node, yaml.safe_load(row[1])])]
+        return [replaced(data, steps, [*value_at(data, steps), yaml.safe_load(row[1])])]
     line = re.fullmatch(r"(?:did you mean \w+\? .*: )?(\w+): ([^ ].*)", problem.hint, re.DOTALL)
     if line and line[1] == "known":
         return [replaced(data, steps, line[2].split(", ")[0])]
     if line and line[1] != "fields" and not re.search(EXPLAINED, problem.hint):
-        way = steps_of(problem.pointer)
-        at = way[:-1] if way and (way[-1] == line[1] or problem.code == "unknown-field") else way
+        at = steps[:-1] if steps and (steps[-1] == line[1] or problem.code == "unknown-field") else steps
         changed = copy.deepcopy(data)
-        node = changed
-        for step in at:
-            node = node[step]
+        node = value_at(changed, at)
         if problem.code == "unknown-field":
-            del node[way[-1]]
+            del node[steps[-1]]
         assert isinstance(node, dict), problem
         value = yaml.safe_load(line[2])
         node[line[1]] = line[2] if isinstance(value, date) else value  # which is a text in our documents

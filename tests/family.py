@@ -80,7 +80,6 @@ def started(*command: str | Path, **options: Any) -> Iterator[subprocess.Popen[s
 
 def read_until(words: str, stream: IO[str] | None) -> str:
     """The next line of a process's stream that holds these words."""
-    assert stream is not None
     while words not in (line := stream.readline()):
         assert line, f"the process ended before it said {words!r}"
     return line

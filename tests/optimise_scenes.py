@@ -45,9 +45,9 @@ def requirement(limit_mm: float, **changes: Any) -> Requirement:
     return replace(Requirement("accuracy", "tcp", 0.95, limit_mm, 0.95, ("target",)), **changes)
 
 
-def free_rotations(components: tuple[str, ...] = ROTATIONS, max_deg: float = 3.0) -> tuple[FreeHalfWidth, ...]:
+def free_rotations(components: tuple[str, ...] = ROTATIONS) -> tuple[FreeHalfWidth, ...]:
     return tuple(
-        FreeHalfWidth(interface, component, np.deg2rad(1e-3), np.deg2rad(max_deg), reciprocal())
+        FreeHalfWidth(interface, component, np.deg2rad(1e-3), np.deg2rad(3.0), reciprocal())
         for interface in ("structure_connector", "connector_flange")
         for component in components
     )
@@ -83,16 +83,14 @@ def oracle_problem(
     return replace(problem, **changes)
 
 
-def fixed_layout(problem: PlacementProblem, fiducials_mm: Any = None) -> PlacementProblem:
-    """The same with every fiducial where it is (or at the given positions)."""
-    system = problem.system
-    if fiducials_mm is not None:
-        system = replace(system, fiducials_mm=np.array(fiducials_mm, dtype=float))
+def fixed_layout(problem: PlacementProblem, fiducials_mm: Any) -> PlacementProblem:
+    """The same with every fiducial fixed, at these positions."""
+    system = replace(problem.system, fiducials_mm=np.array(fiducials_mm, dtype=float))
     return replace(problem, system=system, places=())
 
 
 def silent_problem(
-    limit_mm: float, components: tuple[str, ...], max_deg: float = 3.0, law: Law = Law.NORMAL, **changes: Any
+    limit_mm: float, components: tuple[str, ...], law: Law = Law.NORMAL, **changes: Any
 ) -> PlacementProblem:
     """No noise, a fixed cube: the error is what the free rotations make it, with levers of 165 and 215 mm."""
     half = [np.deg2rad(0.05) * (name in components) for name in ROTATIONS] + [0.0] * 3
@@ -103,7 +101,7 @@ def silent_problem(
         structure_connector=mount("structure_connector", (0.0, 0.0, -95.0), half_width=half, law=law),
         connector_flange=mount("connector_flange", (0.0, 0.0, -145.0), half_width=half, law=law),
     )
-    return replace(problem, system=system, half_widths=free_rotations(components, max_deg), **changes)
+    return replace(problem, system=system, half_widths=free_rotations(components), **changes)
 
 
 def first_interface_only(problem: PlacementProblem) -> PlacementProblem:
@@ -202,7 +200,7 @@ def oracle_p95_mm(noise: Array, levers_mm: Array, tau_rad: Array) -> float:
     return float(np.sqrt(c1 + np.sqrt(c2 / h) * (chi2 - h)))
 
 
-def oracle_levers_mm(target_mm: Any = (0.0, 0.0, 70.0)) -> Array:
+def oracle_levers_mm() -> Array:
     """(6, 3) rows ``axis x (target - pivot)``: magnitude is what counts, both mounts turn about their own pivot."""
-    arms = [np.asarray(target_mm) - np.array([0.0, 0.0, z]) for z in (-95.0, -145.0)]
+    arms = [np.array([0.0, 0.0, 70.0 - z]) for z in (-95.0, -145.0)]
     return np.vstack([np.cross(np.eye(3), arm) for arm in arms])

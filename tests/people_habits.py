@@ -80,15 +80,14 @@ def spoil(reader: str, old: str, new: str, delimiter: str = ",") -> bytes:
     return text.replace(old, new, 1).encode()
 
 
-def insert(reader: str, row: str, at: int = 2) -> bytes:
+def insert(reader: str, row: str) -> bytes:
+    """The table with this row below its first one."""
     lines = join(rows_of(reader)).splitlines(keepends=True)
-    return "".join([*lines[:at], row + "\n", *lines[at:]]).encode()
+    return "".join([*lines[:2], row + "\n", *lines[2:]]).encode()
 
 
-def with_column(reader: str, name: str, *, last: bool = False) -> bytes:
-    rows = [[*row, cell] if last else [cell, *row] for cell, row in
-            zip([name, *map(str, range(1, 4))], rows_of(reader), strict=True)]  # fmt: skip
-    return join(rows).encode()
+def numbered(reader: str) -> bytes:
+    return join([[cell, *row] for cell, row in zip(["No.", *"123"], rows_of(reader), strict=True)]).encode()
 
 
 def units_below(reader: str) -> bytes:
@@ -144,7 +143,7 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
     "a title above the header": (lambda r: b"Cage of May\n" + join(rows_of(r)).encode(), None),
     "units in a row of their own": (units_below, None),
     "units in brackets": (bracketed, None),
-    "a column No.": (lambda r: with_column(r, "No."), None),
+    "a column No.": (numbered, None),
     "a remark (#) between the rows": (lambda r: insert(r, "# measured twice"), step(
         lambda text: text.replace("#5=", "/* measured twice */ #5="))),
     "a row behind `# `": (lambda r: spoil(r, "A2,", "# A2,"), None),

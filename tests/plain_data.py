@@ -24,9 +24,7 @@ CASES = Path(__file__).parent / "data" / "cases"
 
 def read_cases(subject: str, table: str) -> list[list[Any]]:
     """A table of cases: a row for each, as the head of data/cases/SUBJECT.yaml says."""
-    tables = yaml.load((CASES / f"{subject}.yaml").read_text(encoding="utf-8"), yaml.CSafeLoader)
-    rows: list[list[Any]] = tables[table]
-    return rows
+    return yaml.load((CASES / f"{subject}.yaml").read_text(encoding="utf-8"), yaml.CSafeLoader)[table]
 
 
 def replaced(data: Any, path: Sequence[str | int], value: Any) -> Any:

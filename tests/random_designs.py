@@ -238,9 +238,9 @@ def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str
     return document
 
 
-def _far(rng: np.random.Generator, about: np.ndarray, farthest: float = 1500.0) -> list[float]:
+def _far(rng: np.random.Generator, about: np.ndarray) -> list[float]:
     """A pivot up to 1.5 m from a point."""
-    return [float(x) for x in (about + _log_uniform(rng, 10, farthest) * _unit(rng)).round(3)]
+    return [float(x) for x in (about + _log_uniform(rng, 10, 1500.0) * _unit(rng)).round(3)]
 
 
 def _locators(rng: np.random.Generator, pivot: np.ndarray, span: float, half_width: float) -> list[dict[str, Any]]:

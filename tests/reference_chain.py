@@ -95,13 +95,16 @@ def tilt(view: View, images: Array, turns: Array) -> Array:
     return by_u * turns[0] + by_v * turns[1]
 
 
+def drawn_of(effect: Any, inputs: dict[str, Array]) -> Array:
+    """What an effect does in a trial: what is known of it, and what its sources are."""
+    values = inputs.get(effect.name, np.zeros(effect.sources.count))
+    return effect.known + effect.sources.direction @ values
+
+
 def carry_on(system: System, inputs: dict[str, Array], point: Array) -> Array:
     """A point (4,) in flange after the screws of the arm, as exponentials of matrices."""
     arm: list[Any] = [effect for effect in system.effects if hasattr(effect, "twists")]
-    total = sum(
-        each.amounts @ (each.known + each.sources.direction @ inputs.get(each.name, np.zeros(each.sources.count)))
-        for each in arm
-    )
+    total = sum(each.amounts @ drawn_of(each, inputs) for each in arm)
     for twist, amount in zip(arm[0].twists, total, strict=True) if arm else ():
         w, v = amount * twist[:3], amount * twist[3:]
         generator = np.array([[0, -w[2], w[1], v[0]], [w[2], 0, -w[0], v[1]], [-w[1], w[0], 0, v[2]], [0, 0, 0, 0]])
@@ -131,10 +134,6 @@ def inputs_of(plan: ChainPlan, z: Array, place: int) -> dict[str, Array]:
 def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:
     """One trial.  ``inputs``: contributor -> native values (missing: zero).  Returns the two error vectors."""
     form = system.rotation_form
-
-    def torsor(mount):
-        return mount.known + mount.sources.direction @ inputs.get(mount.name, np.zeros(mount.sources.count))
-
     points = system.fiducials_mm
     true = points + inputs.get("fiducial_manufacturing", np.zeros(points.size)).reshape(points.shape)
     heat = effect_named(system, "temperature")
@@ -143,13 +142,11 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
         true = true + kelvin * heat.structure_per_k * (points - heat.seat_mm)
     clampings: list[Any] = [effect for effect in system.effects if effect.name.startswith("clamping:")]
     for clamped in clampings:
-        *off, scale = clamped.known + clamped.sources.direction @ inputs.get(
-            clamped.name, np.zeros(clamped.sources.count)
-        )
+        *off, scale = drawn_of(clamped, inputs)
         held = [clamped.fiducials is None or label in clamped.fiducials for label in system.fiducial_labels]
         away = points[held] - (points[held].mean(axis=0) if clamped.pivot_mm is None else clamped.pivot_mm)
         true[held] += off[3:] + np.cross(off[:3], away) + scale * away
-    first = torsor(system.structure_connector)
+    first = drawn_of(system.structure_connector, inputs)
     told = points
     if system.reading is Reading.PHYSICAL:
         true = move(first, system.structure_connector.pivot_mm, form, true)
@@ -159,8 +156,7 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     for view in system.views:
         shown = true
         if (motion := effect_named(system, f"motion:{view.name}")) is not None:
-            drawn = inputs.get(motion.name, np.zeros(motion.sources.count))
-            shown = move(motion.known + motion.sources.direction @ drawn, motion.pivot_mm, form, true)
+            shown = move(drawn_of(motion, inputs), motion.pivot_mm, form, true)
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
         mixes = view.noise_factors if view.noise_factors is not None else [np.eye(2), np.eye(2)]
         images = project(view.projection, shown) + noise @ mixes[0].T + ball_shifts(system, view)
@@ -171,26 +167,23 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
             images = images + field(wide, project(view.projection, points), coefficients)
             aimed = aimed + field(wide, project(view.projection, target.position_mm[None]), coefficients)
         if (turned := effect_named(system, f"detector_tilt:{view.name}")) is not None:
-            turns = turned.known + turned.sources.direction @ inputs.get(turned.name, np.zeros(turned.sources.count))
+            turns = drawn_of(turned, inputs)
             images = images + tilt(view, project(view.projection, points), turns)
             aimed = aimed + tilt(view, project(view.projection, target.position_mm[None]), turns)
         imaged.append(images)
         seen.append(aimed[0])
-        error, told_by = effect_named(system, f"assumed_intrinsics:{view.name}"), np.zeros(3)
-        if error is not None:
-            told_by = error.known + error.sources.direction @ inputs.get(error.name, np.zeros(error.sources.count))
-        wrong.append(told_by)
+        error = effect_named(system, f"assumed_intrinsics:{view.name}")
+        wrong.append(np.zeros(3) if error is None else drawn_of(error, inputs))
     estimates = estimate_views(system, told, np.stack(imaged), np.stack(wrong))
     found = locate(system, estimates, np.stack(seen), told, weights_at_rest(system, target))
-    moved = move(torsor(system.connector_flange), system.connector_flange.pivot_mm, form, found)
+    moved = move(drawn_of(system.connector_flange, inputs), system.connector_flange.pivot_mm, form, found)
     if heat is not None:  # the connector has carried con away from the flange, and the robot does not know
         moved = moved - kelvin * heat.connector_per_k * (heat.seat_mm - heat.flange_seat_mm)
     to_tool = system.T_tcp_flange @ system.T_flange_con
     at_flange = carry_on(system, inputs, system.T_flange_con @ np.append(moved, 1))
     tool = (system.T_tcp_flange @ at_flange)[:3]
-    tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)
-    tool = tool + system.execution.known
-    tool = tool + system.execution.sources.direction @ inputs.get("execution", np.zeros(system.execution.sources.count))
+    tool = move(drawn_of(system.hand_eye, inputs), system.hand_eye.pivot_mm, form, tool)
+    tool = tool + drawn_of(system.execution, inputs)
     return {
         "localisation": found - target.position_mm,
         "tcp": tool - (to_tool @ np.append(target.position_mm, 1))[:3],

@@ -176,15 +176,11 @@ def cios_system(**changes: Any) -> System:
     return replace(base, **changes)
 
 
-def random_rotation(rng: np.random.Generator) -> Array:
+def random_rigid(rng: np.random.Generator, shift_mm: float = 100.0) -> Array:
     q, r = np.linalg.qr(rng.standard_normal((3, 3)))
     q = q * np.sign(np.diag(r))
-    return np.asarray(q * np.sign(np.linalg.det(q)))
-
-
-def random_rigid(rng: np.random.Generator, shift_mm: float = 100.0) -> Array:
     transform = np.eye(4)
-    transform[:3, :3] = random_rotation(rng)
+    transform[:3, :3] = q * np.sign(np.linalg.det(q))
     transform[:3, 3] = rng.uniform(-shift_mm, shift_mm, 3)
     return read_only(transform)
 

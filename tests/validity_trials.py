@@ -275,11 +275,9 @@ def _gate(document: dict[str, Any], guard: int, max_trials: int, seed: int) -> G
 
 def _by_first_order(gate: Gate, computed: ScoredDesign, check: Check) -> str | None:
     """What mode auto says of one of the limits alone without a trial; None: it samples."""
-    assert computed.score is not None
     alone = replace(computed, score=replace(computed.score, verdict=replace(computed.score.verdict, checks=(check,))))
     if plan_check(gate, alone) is not None:
         return None
-    assert alone.score is not None
     (comparison,) = compare_numbers(alone.score, None, alone.requirements)
     return comparison.number.status
 
@@ -323,7 +321,6 @@ def hold_design(
     with patch("tailstack.scoring._score_target"):  # it decides nothing, and is most of a score's time
         (computed,) = score_designs(_gate(held, 10, 2**14, seed))
     score = computed.score
-    assert score is not None
     gate = _gate(held, 0, 2**14, seed)
     said = [_by_first_order(gate, computed, check) for check in score.verdict.checks]
     least = min((f for f, status in zip(FACTORS, said, strict=True) if status == "pass"), default=None)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import json
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from damage import damaged
-from plain_data import EVERY, places_of, replaced
+from plain_data import EVERY, EXAMPLES, places_of, replaced, value_at
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
@@ -26,9 +25,7 @@ from typical import declare_all
 
 pytestmark = pytest.mark.hostile
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-DEMO = EXAMPLES / "demo.yaml"
-TEXT = DEMO.read_text()
+TEXT = (EXAMPLES / "demo.yaml").read_text()
 ALL = EVERY | {"every effect": declare_all(copy.deepcopy(EVERY["demo"]), np.random.default_rng(39))}
 
 
@@ -103,9 +100,7 @@ def test_any_numbers_in_several_fields(changes):
 @settings(max_examples=200, deadline=None)
 @given(st.sampled_from(PLACES), st.sampled_from(PLACES))
 def test_sections_in_the_wrong_place(there, here):
-    value = ALL[here[0]]
-    for step in here[1]:
-        value = value[step]
+    value = value_at(ALL[here[0]], here[1])
     attempt(replaced(ALL[there[0]], there[1], value) if there[1] else {"value": value})
 
 

@@ -147,13 +147,10 @@ def test_removing_a_source_never_raises_the_quantile_without_bias(law, p):
     """Anderson's theorem again: the rest is symmetric log-concave."""
     total = law_quantile(law, p).quantile_mm
     for j in range(law.kinds.size):
-        assert law_quantile(without(law, j), p).quantile_mm <= total * (1 + 1e-6)
+        kept = np.arange(law.kinds.size) != j
+        rest = replace(law, columns=np.ascontiguousarray(law.columns[:, kept]), kinds=law.kinds[kept])
+        assert law_quantile(rest, p).quantile_mm <= total * (1 + 1e-6)
     assert law_quantile(replace(law, covariance=0.5 * law.covariance), p).quantile_mm <= total * (1 + 1e-6)
-
-
-def without(law: LinearLaw, column: int) -> LinearLaw:
-    columns = np.ascontiguousarray(np.delete(law.columns, column, axis=1))
-    return replace(law, columns=columns, kinds=np.delete(law.kinds, column))
 
 
 @some

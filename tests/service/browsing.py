@@ -16,6 +16,7 @@ from typing import Any
 
 import node
 import pytest
+import yaml
 from postgres import go_without
 from service_scenes import EXAMPLES, ROOT
 
@@ -26,6 +27,12 @@ HOME = ROOT / "tests" / "service" / "browser"
 # First the one that cannot open a window: the same pages take two thirds of the CPU
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 DEMO = (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
+
+
+def demo_with(*left_out: str, **changes: Any) -> str:
+    """The demonstration without some of its sections, and with others in the place of its own."""
+    data = {name: section for name, section in yaml.safe_load(DEMO).items() if name not in left_out}
+    return str(yaml.safe_dump({**data, **changes}, sort_keys=False, allow_unicode=True))
 
 
 class BrowserMissing(Exception):

@@ -16,7 +16,6 @@ import hashlib
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -34,11 +33,10 @@ import psutil
 import sqlalchemy as sa
 from dask_cluster import Cluster
 from dask_cluster import installed as dask_installed
-from postgres import Server, find_binaries
-from service_scenes import ask
-from worker_scenes import end
+from postgres import Server, find_binaries, free_ports
+from service_scenes import EXAMPLES, ask
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from optimise_documents import BOX, document
 from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
@@ -58,7 +56,6 @@ HASTE = 0.25  # of the kills come before the last one has been recovered from
 LOOK_SECONDS = 0.02
 PATIENCE_SECONDS = 300.0  # without a record, or since a kill that is not recovered from: something is stuck
 TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 SETTINGS = {
     "TAILSTACK_LEASE_SECONDS": str(LEASE_SECONDS),
@@ -140,9 +137,7 @@ class Fleet:
         self._environment = {**kept, **SETTINGS, **told, "TAILSTACK_DATABASE": url}
         self._log = log
         worker = make_command("tailstack_service.cli.main", "worker")
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = next(free_ports())
         self.url = f"http://127.0.0.1:{port}" if serving else None
         serve = make_command("tailstack_service.cli.main", "serve", "--port", str(port))
         self._commands = {"serve": serve, "worker": worker} if serving else {"another": worker, "worker": worker}
@@ -168,7 +163,8 @@ class Fleet:
 
     def close(self) -> None:
         for process in self.processes.values():
-            end(process)
+            with ended(process):
+                pass
 
 
 # --- what is done to them -------------------------------------------------------------------------

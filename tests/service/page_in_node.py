@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from openapi_scenes import pinned_tools
 from service_scenes import ROOT
 
 from family import run_process
-from waiting import LIMIT_SECONDS
 
 SOURCES = ROOT / "service" / "workbench"
 SCRIPT = Path(__file__).parent / "workbench_in_node.mjs"
@@ -21,8 +19,7 @@ SCRIPT = Path(__file__).parent / "workbench_in_node.mjs"
 def in_node(**job: Any) -> dict[str, Any]:
     """What the page makes of a job."""
     modules = pinned_tools(SOURCES).parent.parent
-    command = ["node", str(SCRIPT), str(modules), str(SOURCES / "src")]
-    done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, timeout=LIMIT_SECONDS)
+    done = run_process("node", SCRIPT, modules, SOURCES / "src", input=json.dumps(job))
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found

@@ -72,19 +72,15 @@ class Server:
 
         until(answers, lambda: f"PostgreSQL does not answer: {self._log.read_text()[-2000:]}")
 
-    def stop(self, *, immediate: bool = True) -> None:
-        """Stop it; ``immediate`` as after a power cut: nothing is finished or flushed, the next start recovers."""
+    def stop(self) -> None:
+        """As after a power cut: nothing is finished or flushed, the next start recovers."""
         if self._process is not None and self.running:
-            self._process.send_signal(signal.SIGQUIT if immediate else signal.SIGINT)
+            self._process.send_signal(signal.SIGQUIT)
             try:
                 self._process.wait(LIMIT_SECONDS)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait(LIMIT_SECONDS)
-
-    def restart(self, *, immediate: bool = True) -> None:
-        self.stop(immediate=immediate)
-        self.start()
 
     @contextmanager
     def frozen(self) -> Iterator[None]:

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
@@ -16,11 +15,9 @@ from unittest.mock import patch
 
 from service_scenes import client_of
 
-from family import SOURCES, started
+from family import SOURCES, TAILSTACK, started
 from tailstack_service.cli.main import main
 from waiting import LIMIT_SECONDS, until
-
-COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +46,7 @@ class Served:
 
     def again(self) -> AbstractContextManager[subprocess.Popen[str]]:
         """Another service in the place of this one, which has ended: at its address, on its database."""
-        command = (*COMMAND, "serve", "--port", self.url.rpartition(":")[2])
+        command = (*TAILSTACK, "serve", "--port", self.url.rpartition(":")[2])
         return started(*command, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
@@ -72,7 +69,7 @@ def serving(directory: Path, *arguments: str, **changes: str) -> Iterator[Served
     ``arguments`` are of ``tailstack serve``, ``changes`` of its environment.
     """
     log, variables = directory / "serve.log", environment(directory, **changes)
-    command = [*COMMAND, "serve", "--port", "0", *arguments]
+    command = (*TAILSTACK, "serve", "--port", "0", *arguments)
     with log.open("w") as stderr, started(*command, stderr=stderr, env=variables) as process:
         assert process.stdout is not None
         line = process.stdout.readline()

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 from postgres import Server
-from service_scenes import commands
 
 from tailstack_service import clock as clock_module
-from tailstack_service.jobs.store import jobs, queue
-from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.jobs.store import jobs, queue, tables, upkeep
+from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.queue import Claim
 from tailstack_service.jobs.store.schema import migrate_database, open_database
-from tailstack_service.jobs.store.tables import metadata
 from tailstack_service.processes.task import ADVANCE, Outcome
 
 VERSION = "1.0"
@@ -75,19 +75,18 @@ def store(request: pytest.FixtureRequest, tmp_path: Path, clock: Clock) -> Itera
     else:
         db = open_database(request.getfixturevalue("migrated_database"), clock=clock)
         with writing(db) as connection:
-            for table in reversed(metadata.sorted_tables):
+            for table in reversed(tables.metadata.sorted_tables):
                 connection.execute(table.delete())
-    try:
+    with closing(db):
         yield db
-    finally:
-        db.close()
 
 
 def url_of(db: Database) -> str:
     return db.engine.url.render_as_string(hide_password=False)
 
 
-def submit(db: Database, request: bytes = b'{"design":{}}', **changes: Any) -> Job:
+def submit_or_find(db: Database, request: bytes = b'{"design":{}}', **changes: Any) -> tuple[Job, bool]:
+    """A job, and whether it is new."""
     given: dict[str, Any] = {
         "tenant": "acme",
         "kind": "verification",
@@ -96,7 +95,11 @@ def submit(db: Database, request: bytes = b'{"design":{}}', **changes: Any) -> J
         "request_id": "request-1",
         "max_queued": 100_000,
     }
-    return jobs.submit_job(db, request=request, **(given | changes))[0]
+    return jobs.submit_job(db, request=request, **(given | changes))
+
+
+def submit(db: Database, *request: bytes, **changes: Any) -> Job:
+    return submit_or_find(db, *request, **changes)[0]
 
 
 def claim(db: Database, worker_id: str = "w1", limit: int = 1, **changes: Any) -> list[Claim]:
@@ -118,8 +121,8 @@ def record(db: Database, held: Claim, max_job_seconds: float = 3_600.0, **outcom
     return queue.record(db, held, Outcome(**({"cpu_seconds": 0.5} | outcome)), max_job_seconds=max_job_seconds)
 
 
-def specs(count: int, first: int = 1) -> tuple[bytes, ...]:
-    return tuple(b'{"unit":%d}' % number for number in range(first, first + count))
+def specs(count: int) -> tuple[bytes, ...]:
+    return tuple(b'{"unit":%d}' % number for number in range(1, count + 1))
 
 
 def split(db: Database, count: int, **changes: Any) -> Job:
@@ -150,6 +153,24 @@ def find(db: Database, job: Job) -> Job:
     return found
 
 
+def problem_of(ended: Job) -> dict[str, Any]:
+    assert ended.state == "failed"
+    assert ended.problem is not None
+    return ended.problem
+
+
+def unit_rows(db: Database, job: Job) -> list[Any]:
+    """The units of a job as they are stored."""
+    query = sa.select(tables.units).where(tables.units.c.job_id == job.id).order_by(tables.units.c.number)
+    with reading(db) as connection:
+        return list(connection.execute(query))
+
+
+def wrong(db: Database) -> list[str]:
+    """What the check of a database finds."""
+    return [check.name for check in upkeep.check_database(db) if not check.ok]
+
+
 def finish(db: Database, answer: bytes = b'{"answer":1}') -> None:
     """Compute whatever can be claimed, until nothing can."""
     while held := claim(db):
@@ -162,9 +183,8 @@ def finish(db: Database, answer: bytes = b'{"answer":1}') -> None:
 
 @pytest.fixture
 def command(
-    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    store: Database, monkeypatch: pytest.MonkeyPatch, call: Callable[..., tuple[int, str, str]]
 ) -> Callable[..., tuple[int, str, str]]:
     """A tailstack command on the database of ``store``: exit code, standard output, standard error."""
     monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
-
-    return commands(capsys)
+    return call

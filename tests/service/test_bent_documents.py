@@ -130,7 +130,6 @@ def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
 
 
 @pytest.mark.long
-@pytest.mark.hostile
 def test_whatever_arrives_is_judged_or_refused(run_seed: int) -> None:
     chance, request, met = random.Random(SEED + run_seed), whole_request(), Counter[str]()
     for _ in range(CASES):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import threading
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,7 +31,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import until
+from waiting import LIMIT_SECONDS, until
 
 # --- a service --------------------------------------------------------------------------------------------
 
@@ -78,34 +79,23 @@ async def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> N
         assert passed < clock.passed < passed + number * (jobs.IDLE_SECONDS + jobs.LOOK_SECONDS)
 
 
-@pytest.fixture
-def settings(tmp_path: Path) -> Settings:
-    url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
+@pytest.mark.long
+async def test_who_waits_for_a_job_is_told_after_its_time_that_it_is_accepted(tmp_path: Path) -> None:
+    clock, url = TurnedClock(), f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
     open_database(url, migrate=True).close()
-    return Settings(database=url, body_seconds=20.0)
-
-
-async def answered(settings: Settings, clock: TurnedClock, wait: float, turn: float, **request: Any) -> httpx.Response:
-    """The answer to a request that has waited by the clock for so long, when that is turned."""
-    app = create_app(settings, warm_up=False, clock=clock)
+    app = create_app(Settings(database=url, body_seconds=20.0), warm_up=False, clock=clock)
     service: Service = app.state.service
+    body, headers = {"design": small_design(), "trials": 1000}, {"Prefer": "respond-async, wait=10"}
     try:
         async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as client:
-            asking = asyncio.create_task(client.post("/v1/verifications", **request))
-            await clock.until_waits_async(wait)
+            asking = asyncio.create_task(client.post("/v1/verifications", json=body, headers=headers))
+            await clock.until_waits_async(FIRST_LOOK)
             assert not asking.done()
-            clock.turn(turn)
-            return await asking
+            clock.turn(10.0)
+            answer = await asking
     finally:
         await service.pool.close()
         service.storage.close()
-
-
-@pytest.mark.long
-def test_who_waits_for_a_job_is_told_after_its_time_that_it_is_accepted(settings: Settings) -> None:
-    headers = {"Prefer": "respond-async, wait=10"}
-    request = {"json": {"design": small_design(), "trials": 1000}, "headers": headers}
-    answer = asyncio.run(answered(settings, TurnedClock(), FIRST_LOOK, 10.0, **request))
     assert answer.status_code == 202, answer.text
     assert answer.headers["preference-applied"] == "wait=10"
     assert answer.json()["state"] == "queued"
@@ -117,24 +107,19 @@ def test_who_waits_for_a_job_is_told_after_its_time_that_it_is_accepted(settings
 def test_a_file_that_stays_locked_is_given_up_after_its_time(tmp_path: Path) -> None:
     clock = TurnedClock()
     url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
-    refused: list[StoreUnavailable] = []
-    with closing(open_database(url, migrate=True, clock=clock)) as here, closing(open_database(url)) as there:
-
-        def write() -> None:
-            try:
-                submit(here)
-            except StoreUnavailable as error:
-                refused.append(error)
-
+    with (
+        closing(open_database(url, migrate=True, clock=clock)) as here,
+        closing(open_database(url)) as there,
+        ThreadPoolExecutor(1) as pool,
+    ):
         with writing(there):
-            waiting = threading.Thread(target=write)
-            waiting.start()
+            waiting = pool.submit(submit, here)
             until(lambda: clock.waits)
             clock.turn(database.BUSY_SECONDS - 0.01)
             looks = len(clock.waits)
             until(lambda: len(clock.waits) > looks)
-            assert refused == []
+            assert not waiting.done()
             clock.turn(0.02)
-            waiting.join()
-        assert "locked" in str(refused[0])
+            with pytest.raises(StoreUnavailable, match="locked"):
+                waiting.result(LIMIT_SECONDS)
         submit(here)

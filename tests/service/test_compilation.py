@@ -82,7 +82,6 @@ def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_
 
 
 def test_an_unknown_verb_is_refused_with_those_that_there_are(refused: Any) -> None:
-
     assert "there is no verb 'scre'" in refused("warm-up", "--for", "scre")
 
 

@@ -13,13 +13,14 @@ import psutil
 import pytest
 import strange_units
 from dask_cluster import Cluster
-from strange_units import begun, request
+from strange_units import begun
+from test_compute_pool import check_that_each_dies_alone, task
 
 from family import forked_of
 from plain_data import read_cases
 from tailstack_service.jobs.engines.engine import start_engine
 from tailstack_service.problems import RequestError
-from tailstack_service.processes.task import Defect, Died, GivenBack, Task
+from tailstack_service.processes.task import Defect, GivenBack
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
@@ -27,15 +28,8 @@ if TYPE_CHECKING:
     from tailstack_service.jobs.engines.dask import DaskEngine
 
 
-def task(do: str = "answer", **options: object) -> Task:
-    return Task("verification", request(do, **options), b'{"unit":0}')
-
-
 def children(cluster: Cluster) -> list[psutil.Process]:
-    found: list[psutil.Process] = []
-    for worker in cluster.workers:
-        found += forked_of(worker.pid) if worker else []
-    return found
+    return [child for worker in cluster.workers if worker for child in forked_of(worker.pid)]
 
 
 @pytest.fixture
@@ -62,13 +56,7 @@ def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Clust
 
 def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
     before = [worker.pid for worker in dask_cluster.workers if worker]
-    futures = [engine.submit(task("die" if k % 4 == 0 else "answer", n=k), f"mixed-{k}") for k in range(12)]
-    for number, future in enumerate(futures):
-        if number % 4 == 0:
-            with pytest.raises(Died, match="SIGKILL"):
-                future.result(LIMIT_SECONDS)
-        else:
-            assert future.result(LIMIT_SECONDS).result
+    check_that_each_dies_alone(engine, 12)
     with pytest.raises(Defect, match="ArithmeticError"):
         engine.submit(task("raise"), "raise").result(LIMIT_SECONDS)
     assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import strange_units
 from strange_units import begun, expected_answer, request
 
 from family import started
-from tailstack_service.jobs.engines.engine import start_engine
+from tailstack_service.jobs.engines.engine import Engine, start_engine
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import birth, child
 from tailstack_service.processes.birth import Nursery, make_environment, share_nursery
@@ -35,8 +35,8 @@ from waiting import LIMIT_SECONDS, until
 UNIT = b'{"unit":0}'
 
 
-def task(do: str = "answer", spec: bytes = UNIT, **options: object) -> Task:
-    return Task("verification", request(do, **options), spec)
+def task(do: str = "answer", **options: object) -> Task:
+    return Task("verification", request(do, **options), UNIT)
 
 
 def gone(pid: int) -> bool:
@@ -87,16 +87,20 @@ def test_deaths_and_defects_are_told_with_their_cause(pool: PoolEngine) -> None:
         engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
-def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
+def check_that_each_dies_alone(engine: Engine, count: int) -> None:
     """Two lanes, tasks of both in turn: only those that end their process fail, and the others all come back."""
-    tasks = [task("die") if number % 4 == 0 else task(number=number) for number in range(24)]
-    futures = [pool.submit(one, f"mixed-{number}") for number, one in enumerate(tasks)]
+    tasks = [task("die" if number % 4 == 0 else "answer", number=number) for number in range(count)]
+    futures = [engine.submit(one, f"mixed-{number}") for number, one in enumerate(tasks)]
     for number, future in enumerate(futures):
         if number % 4 == 0:
             with pytest.raises(Died, match="SIGKILL"):
                 future.result(LIMIT_SECONDS)
         else:
             assert future.result(LIMIT_SECONDS).result
+
+
+def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
+    check_that_each_dies_alone(pool, 24)
 
 
 def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
@@ -144,25 +148,20 @@ def test_signals_to_the_group_are_left_to_the_worker(pool: PoolEngine, tmp_path:
 def test_processes_do_not_end_with_the_thread_that_asked(tmp_path: Path) -> None:
     """PR_SET_PDEATHSIG looks at the thread that started a process: a replacement is started under one that ends."""
     note, go = tmp_path / "note", tmp_path / "go"
-    found: list[Future[Outcome]] = []
 
-    def short_life() -> None:
+    def short_life() -> tuple[PoolEngine, Future[Outcome], int]:
         engine = PoolEngine(1, function=strange_units.FUNCTION)
-        found.append(engine.submit(task("wait", note=str(note), until=str(go)), "threads"))
-        engines.append(engine)
+        future = engine.submit(task("wait", note=str(note), until=str(go)), "threads")
         until(lambda: begun(note))
+        return engine, future, threading.get_native_id()
 
-    engines: list[PoolEngine] = []
-    thread = threading.Thread(target=short_life)
-    thread.start()
-    thread.join(LIMIT_SECONDS)
-    try:
-        until(lambda: not Path(f"/proc/self/task/{thread.native_id}").exists())  # the system has let it go
+    with ThreadPoolExecutor(1) as thread:
+        engine, future, number = thread.submit(short_life).result(LIMIT_SECONDS)
+    with closing(engine):
+        until(lambda: not Path(f"/proc/self/task/{number}").exists())  # the system has let it go
         go.touch()
         assert len(begun(note)) == 1
-        assert found[0].result(LIMIT_SECONDS).result
-    finally:
-        engines[0].close()
+        assert future.result(LIMIT_SECONDS).result
 
 
 @pytest.mark.long
@@ -243,9 +242,7 @@ threading.Event().wait()
 @contextmanager
 def beside(nursery: Nursery | None) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
     """A process with which a nursery is shared, and a computing process of its."""
-    assert nursery is not None
     with running(JOINED, str(nursery), pass_fds=(nursery.wishes.fileno(),)) as process:
-        assert process.stdout is not None
         (pid,) = json.loads(process.stdout.readline())
         yield process, psutil.Process(pid)
 
@@ -266,7 +263,6 @@ def test_processes_of_one_service_fork_from_one_and_end_with_their_own() -> None
 @pytest.mark.parametrize("lost", ["gone", "of other sources"])
 def test_a_shared_nursery_that_cannot_be_had_is_replaced_by_an_own(lost: str) -> None:
     shared = share_nursery()
-    assert shared is not None
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         if lost == "gone":
@@ -283,7 +279,6 @@ def test_the_end_of_a_nursery_is_that_of_what_it_forked_and_another_follows(tmp_
         first = engine.pids()
         until(lambda: begun(note))  # what a process has not begun is begun by the next
         nursery = psutil.Process(first[0]).parent()
-        assert nursery is not None
         nursery.kill()
         with pytest.raises(Died, match="SIGKILL"):
             burning.result(LIMIT_SECONDS)

@@ -17,8 +17,7 @@ from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
 
-ROOT = Path(__file__).parents[2]
-CARRIER = str(ROOT / "examples" / "integrations" / "step" / "carrier.step")
+CARRIER = str(EXAMPLES / "integrations" / "step" / "carrier.step")
 TAKE = ["--sphere-diameter", "3±0.1", "--frame", "Carrier"]
 
 
@@ -34,14 +33,13 @@ def test_a_carrier_becomes_a_design_that_scores(tmp_path: Path, call: Any) -> No
         (-38.0, -40.0, 4.0), abs=1e-3
     )
     seat = design.document.interfaces.structure_connector
-    assert seat is not None
     assert [locator.name for locator in seat.locators or ()][:3] == ["REST1", "REST2", "REST3"]
     assert "# half-widths of what may differ" in target.read_text(encoding="utf-8")
 
 
 def test_a_base_keeps_its_comments_and_numbers(tmp_path: Path) -> None:
     base, target = tmp_path / "base.yaml", tmp_path / "new.yaml"
-    text = (ROOT / "examples" / "first_carrier.yaml").read_text(encoding="utf-8")
+    text = (EXAMPLES / "first_carrier.yaml").read_text(encoding="utf-8")
     base.write_text(text, encoding="utf-8")
     assert main(["convert", CARRIER, *TAKE, "--base", str(base), "-o", str(target)]) == 0
     made = target.read_text(encoding="utf-8")
@@ -56,7 +54,7 @@ def test_a_base_keeps_its_comments_and_numbers(tmp_path: Path) -> None:
 
 def test_other_beads_keep_what_a_base_says_of_beads(tmp_path: Path) -> None:
     """How large they are, what is located of them, how well they are made and how often each is missed."""
-    base = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
+    base = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
     more = {"diameter_mm": 3, "image_point": "shadow", "loss_probability": 0.01}
     base["fiducials"] |= more
     base["fiducials"]["points"][1]["loss_probability"] = 0.05
@@ -77,7 +75,7 @@ def test_other_beads_keep_what_a_base_says_of_beads(tmp_path: Path) -> None:
 def test_balls_become_a_fiducial_file(tmp_path: Path, ending: str) -> None:
     target, again = tmp_path / f"beads.{ending}", tmp_path / "again.yaml"
     assert main(["convert", CARRIER, *TAKE, "-o", str(target)]) == 0
-    assert main(["convert", str(target), "--base", str(ROOT / "examples" / "demo.yaml"), "-o", str(again)]) == 0
+    assert main(["convert", str(target), "--base", str(EXAMPLES / "demo.yaml"), "-o", str(again)]) == 0
     assert load_design(again).fiducials.labels == tuple(f"BEAD{k}" for k in range(1, 9))
 
 
@@ -100,14 +98,13 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
 
 def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(tmp_path: Path, call: Any, refused: Any) -> None:
     """A file without balls; what a design named as its drawing stays named until it is written out."""
-    source, target = ROOT / "examples" / "first_carrier.yaml", tmp_path / "new.yaml"
+    source, target = EXAMPLES / "first_carrier.yaml", tmp_path / "new.yaml"
     drawing = EXAMPLES / "gallery" / "seat_from_cad_carrier.step"
     code, _, err = call("convert", drawing, "--pin-class", "g6", "--base", source, "-o", target)
     assert (code, "the seat is flatness 0.02; diameter 6 H7" in err) == (0, True), err
     before, after = load_design(source), load_design(target)
     assert after.fiducials.positions_mm == before.fiducials.positions_mm
     seat = after.document.interfaces.structure_connector
-    assert seat is not None
     assert [feature.name for feature in seat.features or ()] == ["face", "pin 1", "pin 2"]
     assert "#" in target.read_text(encoding="utf-8").partition("fiducials:")[2]
     unknown = refused("convert", drawing, "--pin-class", "k6", "--base", source, "-o", target)

@@ -20,7 +20,6 @@ from tailstack.design import Design, load_design
 from tailstack.design.pointers import pointer_of
 from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource
 from tailstack.design.refusals import refuse
-from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError, read_axes
 from tailstack_service.cli.main import build_parser
 from tailstack_service.console.command_line import Parser
@@ -84,31 +83,24 @@ def test_options_in_a_body_and_in_a_query_convert() -> None:
             if factor is None:
                 continue
             name = f"{field.removesuffix(unit)}{other}"
-            with pytest.raises(TailstackError) as caught:
-                read_options(operation.options, {name: factor * value})
-            (hint,) = [each.hint for each in caught.value.problems if each.pointer == f"/{name}"]
+            problems = problems_of(read_options, operation.options, {name: factor * value})
+            (hint,) = [each.hint for each in problems if each.pointer == f"/{name}"]
             assert hint.endswith(f": {field}: {value:.12g}"), hint
-            with pytest.raises(TailstackError) as caught:
-                refuse_query([(name, str(factor * value))], tuple(fields_of(operation.options)))
-            assert caught.value.problems[0].hint == hint
+            query = [(name, str(factor * value))]
+            assert problems_of(refuse_query, query, tuple(fields_of(operation.options)))[0].hint == hint
             seen += 1
     assert seen >= 5
 
 
 def test_flags_are_not_renamed_without_a_word() -> None:
     """Each flag of each verb whose name has a unit, and what is said of another unit."""
-    parsers: dict[int, argparse.ArgumentParser] = {}
-
-    def visit(parser: argparse.ArgumentParser) -> None:
-        parsers[id(parser)] = parser
+    parsers: list[argparse.ArgumentParser] = [build_parser()]
+    for parser in parsers:  # which grows by those of the verbs below
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):
-                for each in action.choices.values():
-                    visit(each)
-
-    visit(build_parser())
+                parsers += action.choices.values()
     seen = 0
-    for parser in parsers.values():
+    for parser in parsers:
         for flag in [each for action in parser._actions for each in action.option_strings]:
             for unit, (other, factor) in OTHER.items():
                 slip = re.sub(rf"-{unit}(?=-|$)", f"-{other}", flag)
@@ -139,15 +131,13 @@ def test_settings_are_not_renamed_without_a_word() -> None:
 def test_columns_and_axes_say_what_happens_to_their_numbers(
     design: Design, path: str, meant: str | None, words: str
 ) -> None:
-    with pytest.raises(SweepError) as caught:
-        read_axes(design, [{"pointer": pointer_of(design.source.data, path), "values": [1.0]}])
-    hint = caught.value.problems[0].hint
+    axes = [{"pointer": pointer_of(design.source.data, path), "values": [1.0]}]
+    hint = problems_of(read_axes, design, axes, error=SweepError)[0].hint
     if meant is None:
         assert "did you mean" not in hint
     else:
         assert f"did you mean {meant}" in hint
         assert words.lower() in hint.lower()
         assert "convert the number, do not only rename it" in hint
-    with pytest.raises(TailstackError) as of_table:
-        score_table(design, read_table(io.BytesIO(f"{path}\n1\n".encode()), "csv", "t.csv"), (), None)
-    assert of_table.value.problems[0].hint == hint
+    table = read_table(io.BytesIO(f"{path}\n1\n".encode()), "csv", "t.csv")
+    assert problems_of(score_table, design, table, (), None)[0].hint == hint

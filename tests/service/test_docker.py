@@ -11,7 +11,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 import tomllib
 import zipfile
 from pathlib import Path
@@ -25,22 +24,16 @@ from service_scenes import EXAMPLES, ROOT, answering, http_answer
 
 from family import COMMAND, run_process, run_python
 from tailstack_service.cli.main import build_parser
+from tailstack_service.http.jobs import HEARTBEAT_SECONDS
 from tailstack_service.settings import Settings, schemas
 
 DOCKER = ROOT / "docker"
-
 DOCKERFILE = (DOCKER / "Dockerfile").read_text(encoding="utf-8")
-
 COMPOSE: dict[str, Any] = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
-
 SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
-
 OURS = {name: service for name, service in SERVICES.items() if "tailstack" in service["image"]}
-
 TAILSTACK = {name: service for name, service in OURS.items() if "entrypoint" not in service}
-
 ONCE = {"migrate", "certificates"}
-
 PUBLISHED = {"tailstack", "proxy"}
 
 
@@ -237,14 +230,8 @@ def test_dask_takes_its_certificates_from_the_environment() -> None:
         "import dask.config, distributed; from distributed.security import Security; s = Security();"
         "print(s.require_encryption, s.tls_ca_file, s.tls_scheduler_cert, s.tls_worker_key)"
     )
-    environment = {**os.environ, **SERVICES["dask-worker"]["environment"]}
-    done = run_python("-c", program, env=environment)
-    assert done.stdout.split() == [
-        "True",
-        "/certificates/ca.pem",
-        "/certificates/certificate.pem",
-        "/certificates/key.pem",
-    ]
+    done = run_python("-c", program, said=SERVICES["dask-worker"]["environment"])
+    assert done.stdout.split() == ["True", *(f"/certificates/{name}.pem" for name in ("ca", "certificate", "key"))]
 
 
 def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
@@ -278,18 +265,12 @@ def test_the_proxy_knows_the_api_and_is_patient() -> None:
     assert set(behind) == SERVICES["proxy"]["depends_on"].keys()
     assert "proxy_request_buffering" not in conf, "as nginx has it by itself: a body that drips reaches no process"
     listening = re.search(r"listen (\d+)", conf)
-    assert listening is not None
     assert SERVICES["proxy"]["ports"] == [f"127.0.0.1:8321:{listening[1]}"]
     largest = re.search(r"client_max_body_size (\d+)m;", conf)
-    assert largest is not None
     assert int(largest[1]) * 2**20 > max(Settings().max_body_bytes, Settings().max_step_bytes)
-    from tailstack_service.http.jobs import HEARTBEAT_SECONDS
-
     patience = re.search(r"proxy_read_timeout (\d+)s;", conf)
-    assert patience is not None
     assert float(patience[1]) > Settings().max_wait_seconds + HEARTBEAT_SECONDS
     told = re.search(r"return 503 '(.*)';", conf)
-    assert told is not None
     assert json.loads(told[1])["status"] == 503
 
 
@@ -297,8 +278,7 @@ def test_the_proxy_knows_the_api_and_is_patient() -> None:
 
 
 def certificates(directory: Path, *arguments: str) -> str:
-    command = [sys.executable, str(DOCKER / "certificates.py"), str(directory), *arguments]
-    return run_process(*command, check=True).stdout
+    return run_python(DOCKER / "certificates.py", directory, *arguments, check=True).stdout
 
 
 def test_certificates_are_made_once_and_again_in_time(tmp_path: Path) -> None:
@@ -352,15 +332,14 @@ def test_the_image_holds_the_wheel_of_kernels_beside_tailstack() -> None:
 def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The content of a wheel built from this checkout."""
     directory = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
-    run_process(*command, cwd=ROOT, check=True)
+    run_python("-m", "hatchling", "build", "-t", "wheel", "-d", directory, cwd=ROOT, check=True)
     with zipfile.ZipFile(next(directory.glob("*.whl"))) as wheel:
         wheel.extractall(directory / "content")
     return directory / "content"
 
 
-def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return run_python("-P", *COMMAND, *arguments, cwd=unpacked.parent, said={"PYTHONPATH": str(unpacked)})
+def call(unpacked: Path, *arguments: str, **said: str) -> subprocess.CompletedProcess[str]:
+    return run_python("-P", *COMMAND, *arguments, cwd=unpacked.parent, said={"PYTHONPATH": str(unpacked), **said})
 
 
 @pytest.fixture(scope="module")
@@ -398,9 +377,8 @@ def test_no_example_of_an_answer_is_shipped(unpacked: Path, document: dict[str, 
 @pytest.mark.long
 def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
     """The migrations are files, not imported by anything."""
-    environment = {**os.environ, "PYTHONPATH": str(unpacked), "TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs'}"}
     for action in ("migrate", "check"):
-        done = run_python("-P", *COMMAND, "db", action, cwd=tmp_path, env=environment)
+        done = call(unpacked, "db", action, TAILSTACK_DATABASE=f"sqlite:///{tmp_path / 'jobs'}")
         assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(": sound\n")
 

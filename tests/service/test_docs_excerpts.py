@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from service_scenes import ROOT
 
-FOLLOWED = [
-    ROOT / "README.md",
-    ROOT / "docs" / "troubleshooting.md",
-    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
-]
-TUTORIALS = [page for page in FOLLOWED if page.parent.name == "tutorials"]
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+FOLLOWED = [ROOT / "README.md", ROOT / "docs" / "troubleshooting.md", *TUTORIALS]
 
 
 @pytest.fixture(scope="module")
 def excerpts() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("excerpts", ROOT / "docs" / "excerpts.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["excerpts"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "docs")
+        return importlib.import_module("excerpts")
 
 
 @pytest.mark.long

@@ -43,11 +43,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Sources(HTMLParser):
-    """What a page makes a browser fetch, and its visible words."""
+    """What a page makes a browser fetch."""
 
-    def __init__(self) -> None:
+    def __init__(self, page: str) -> None:
         super().__init__()
         self.fetched: list[str] = []
+        self.feed(page)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.fetched += [value for name, value in attrs if name in SOURCES and value and tag not in LINKS]
@@ -69,8 +70,7 @@ def test_the_site_is_built_without_a_remark_and_holds_every_page(site: Path) -> 
 
 def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
-        sources = Sources()
-        sources.feed(page.read_text(encoding="utf-8"))
+        sources = Sources(page.read_text(encoding="utf-8"))
         assert sources.fetched
         # for these two the theme's script would ask unpkg.com and api.github.com
         assert not re.search(r'class="mermaid"|data-md-component="source"', page.read_text(encoding="utf-8")), page
@@ -81,8 +81,7 @@ def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None
 
 
 def test_a_source_elsewhere_would_be_seen() -> None:
-    sources = Sources()
-    sources.feed(
+    sources = Sources(
         '<a href="https://x.org">x</a><img src="pictures/x.svg"><link href="//fonts.x.org"><script src="https://x.org/x.js">'
     )
     assert [address for address in sources.fetched if is_outside(address)] == ["//fonts.x.org", "https://x.org/x.js"]

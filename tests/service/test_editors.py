@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 import yaml
 from editing import Editor, editor
 from jsonschema import Draft7Validator
 from jsonschema_rs import Draft7Validator as QuickDraft7
 from jsonschema_rs import Draft202012Validator as QuickDraft2020
-from service_scenes import EXAMPLES, client_with
+from service_scenes import EXAMPLES, check_problem
 
 from tailstack.design import load_design
 from tailstack.laws import Law
@@ -72,7 +73,6 @@ def test_both_drafts_refuse_the_same(name: str) -> None:
     text = (EXAMPLES / name).read_text(encoding="utf-8")
     document = json.loads(json.dumps(yaml.safe_load(text), default=str))
     kind = re.search(r"^schema: tailstack/(\w+)/1", text, re.MULTILINE)
-    assert kind is not None
     newer, older = QuickDraft2020(json_schema(kind[1])), QuickDraft7(json_schema(kind[1], "7"))
     assert newer.is_valid(document)
     assert older.is_valid(document)
@@ -82,23 +82,20 @@ def test_both_drafts_refuse_the_same(name: str) -> None:
     assert sum(not first for first, _ in verdicts) > len(verdicts) / 2
 
 
-def test_draft_7_by_command_file_and_http_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(("schema", "design", "--draft", "7")) == 0
-    printed = capsys.readouterr().out
-    assert main(("schema", "design", "--draft", "7", "-o", str(tmp_path))) == 0
-    assert main(("schema", "design", "--draft", "7", "-o", str(tmp_path / "own.json"))) == 0
-    capsys.readouterr()
+def test_draft_7_by_command_file_and_http_is_the_same(tmp_path: Path, call: Any, client: httpx.Client) -> None:
+    code, printed, _ = call("schema", "design", "--draft", "7")
+    assert code == 0
+    for place in (tmp_path, tmp_path / "own.json"):
+        assert call("schema", "design", "--draft", "7", "-o", place)[0] == 0
     assert (tmp_path / SCHEMA).read_text() == (tmp_path / "own.json").read_text() == printed
-    with client_with() as client:
-        answer = client.get("/v1/schemas/design", params={"draft": "7"})
-        assert answer.headers["content-type"] == "application/schema+json"
-        assert answer.json() == json.loads(printed)
-        assert client.get("/v1/schemas/design").json() == json_schema("design")
-        assert client.get("/v1/schemas/design", params={"draft": ""}).status_code == 422
-        refused = client.get("/v1/schemas/design", params={"draft": "4"})
-        assert refused.status_code == 422
-        assert refused.json()["errors"][0]["pointer"] == "/draft"
-        assert "2020-12, 7" in refused.json()["errors"][0]["detail"]
+    answer = client.get("/v1/schemas/design", params={"draft": "7"})
+    assert answer.headers["content-type"] == "application/schema+json"
+    assert answer.json() == json.loads(printed)
+    assert client.get("/v1/schemas/design").json() == json_schema("design")
+    assert client.get("/v1/schemas/design", params={"draft": ""}).status_code == 422
+    (wrong,) = check_problem(client.get("/v1/schemas/design", params={"draft": "4"}), 422, "invalid-request")["errors"]
+    assert wrong["pointer"] == "/draft"
+    assert "2020-12, 7" in wrong["detail"]
 
 
 # --- the head line -------------------------------------------------------------------------------------

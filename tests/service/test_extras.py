@@ -17,11 +17,11 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import distribution, packages_distributions
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import httpx
 import psutil
@@ -30,7 +30,8 @@ from containers import USER, contain, run_contained, surroundings
 from openapi_scenes import ended_job
 from packaging.requirements import Requirement
 from served import served
-from service_scenes import EXAMPLES, ROOT, ask, client_of, small_design
+from service_scenes import EXAMPLES, ROOT, ask, check_problem, client_of, small_design
+from test_compute_pool import gone
 
 from family import COMMAND, SOURCES, run_process, run_python, started
 from tailstack.errors import MissingExtraError
@@ -46,11 +47,8 @@ from tailstack_service.report import pdf
 from waiting import LIMIT_SECONDS, until
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-
 LARGEST_CORE_BYTES = 450e6
-
 DEMO = str(EXAMPLES / "demo.yaml")
-
 EVERYTHING = tuple(module for modules in MODULES_OF.values() for module in modules)
 
 
@@ -128,7 +126,7 @@ def test_what_is_missing_is_told_at_once_to_people_programs_and_python(tmp_path:
     assert problem["type"] == "/v1/problems/missing-extra"
     assert problem["errors"][0]["hint"] == command("optimise")
     code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
-    done = run_python("-c", code, said={"PYTHONPATH": SOURCES})
+    done = run_python("-c", code)
     assert "MissingExtraError" in done.stderr
     assert command("optimise") in done.stderr.splitlines()[-1]
 
@@ -170,8 +168,7 @@ for words in {commands!r}:
     said.append([code, output.buffer.getvalue().decode()])
 print(json.dumps(said))
 """
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    done = run_python("-c", code, env={**variables, "PYTHONPATH": SOURCES}, cwd=tmp_path)
+    done = run_python("-c", code, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = [(code, text) for code, text in json.loads(done.stdout)]
     assert {code for code, _ in found} <= {0, 1}, ([code for code, _ in found], done.stderr)
@@ -198,15 +195,12 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
         with client_of(service.url, headers=design[0]) as client:
             assert client.post("/v1/scores", content=design[1]).status_code == 200
             refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=600"})
-            assert refused.status_code == 501, refused.text
-            assert refused.json()["type"] == "/v1/problems/missing-extra"
-            assert refused.json()["errors"][0]["hint"] == command("optimise")
+            assert check_problem(refused, 501, "missing-extra")["errors"][0]["hint"] == command("optimise")
             done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=600"})
             assert done.status_code in (200, 303)
             result = client.get("/v1/jobs?limit=1").json()["jobs"][0]["links"]["result"]
             page = client.get(f"{result}/report?format=html")
-            assert page.status_code == 501
-            assert command("report") in page.json()["errors"][0]["hint"]
+            assert command("report") in check_problem(page, 501, "missing-extra")["errors"][0]["hint"]
             assert client.get("/v1/problems/missing-extra").status_code == 200
 
 
@@ -252,17 +246,15 @@ def test_the_command_of_a_checkout_is_one_that_pip_carries_out(tmp_path: Path) -
     """Without a network, and without changing this environment."""
     words = shlex.split(install_command("optimise"))
     options = ("--dry-run", "--no-deps", "--no-index", "--no-build-isolation", "--no-cache-dir")
-    pip = [sys.executable, "-m", *words[:2], *options, *words[2:]]
-    variables = {**os.environ, "PIP_CONFIG_FILE": os.devnull}
-    done = run_process(*pip, env=variables, cwd=tmp_path)
+    said = {"PIP_CONFIG_FILE": os.devnull, "PYTHONPATH": ""}
+    done = run_python("-m", *words[:2], *options, *words[2:], said=said, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"tailstack-{__version__}" in done.stdout
 
 
 def test_nothing_that_ships_installs_tailstack_by_name() -> None:
     """There is no such package on an index: its name may be anybody's. A page that names an index says so itself."""
-    git = run_process("git", "ls-files", cwd=ROOT)
-    listed = git.stdout.split()
+    listed = run_process("git", "ls-files", cwd=ROOT).stdout.split()
     files = [name for name in listed if not name.endswith(".lock") and name.split("/")[0] not in ("tests", "openapi")]
     if not files:
         pytest.skip("NOT TESTED: this is no git checkout")
@@ -361,9 +353,6 @@ def test_the_core_is_small() -> None:
 # --- machines that are not like ours --------------------------------------------------------------
 
 
-DESIGN = str(ROOT / "examples" / "demo.yaml")
-
-
 @pytest.fixture
 def nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """No folder for temporary files, as Python sees it."""
@@ -377,10 +366,7 @@ def homeless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     for variable in ("HOME", "XDG_STATE_HOME", "TAILSTACK_DATABASE"):
         monkeypatch.delenv(variable, raising=False)
 
-    def no_home(_: type[Path]) -> Path:
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr(Path, "home", classmethod(no_home))
+    monkeypatch.setattr(Path, "home", Mock(side_effect=RuntimeError("Could not determine home directory.")))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     environment.lent_directory.cache_clear()
     yield tmp_path
@@ -467,10 +453,8 @@ def test_an_ipopt_that_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch
     casadi = pytest.importorskip("casadi")
     from tailstack.optimisation.solver import make_solver, require_ipopt
 
-    def load(_: str) -> None:
-        raise RuntimeError("Plugin 'ipopt' is not found.\n libcoinmumps.so: cannot open shared object file")
-
-    monkeypatch.setattr(casadi, "load_nlpsol", load)
+    said = "Plugin 'ipopt' is not found.\n libcoinmumps.so: cannot open shared object file"
+    monkeypatch.setattr(casadi, "load_nlpsol", Mock(side_effect=RuntimeError(said)))
     require_ipopt.cache_clear()
     try:
         with pytest.raises(MissingExtraError, match=r"cannot load here: Plugin 'ipopt'.*libcoinmumps.so") as refusal:
@@ -514,8 +498,8 @@ def test_commands_of_a_user_without_name_and_home(room: Path) -> None:
         assert done.returncode == code, (arguments, done.stderr)
         return done
 
-    assert "P95" in run("score", DESIGN, code=1).stdout
-    run("report", DESIGN, "--parts", "score", "--summary", "-o", str(room / "x.pdf"), code=1)
+    assert "P95" in run("score", DEMO, code=1).stdout
+    run("report", DEMO, "--parts", "score", "--summary", "-o", str(room / "x.pdf"), code=1)
     assert (room / "x.pdf").read_bytes().startswith(b"%PDF")
     assert "this user has no home" in run("db", "migrate").stderr
     assert f"{room}/tailstack-{USER}/tailstack.sqlite3: sound" in run("db", "check").stdout
@@ -524,14 +508,12 @@ def test_commands_of_a_user_without_name_and_home(room: Path) -> None:
 
 @pytest.mark.long
 def test_commands_that_can_write_nowhere(room: Path) -> None:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return run_contained(*arguments, read_only=True)
-
-    for arguments in (["score", DESIGN], ["gate", DESIGN, "--mode", "analytic"]):
+    run = partial(run_contained, read_only=True)
+    for arguments in (["score", DEMO], ["gate", DEMO, "--mode", "analytic"]):
         done = run(*arguments)
         assert done.returncode in (0, 1, 4), (arguments, done.stderr)
         assert "defect" not in done.stderr
-    for arguments in (["demo"], ["report", DESIGN], ["db", "migrate"], ["serve"]):
+    for arguments in (["demo"], ["report", DEMO], ["db", "migrate"], ["serve"]):
         done = run(*arguments)
         assert done.returncode in (2, 3), (arguments, done.stderr)
         said = "-o names another place" if arguments[0] in ("demo", "report") else "TMPDIR|TAILSTACK_DATABASE"
@@ -550,7 +532,6 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
         (room / "log").open("w") as log,
         started(*command, env=surroundings(**changes), cwd="/", stderr=log) as process,
     ):
-        assert process.stdout is not None
         found = re.search(r"http://\S+", process.stdout.readline())
         assert found is not None, (room / "log").read_text()
 
@@ -563,7 +544,6 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
 
         until(lambda: (answer := answer_to("GET", "/health/ready")) is not None and answer.status_code == 200)
         answer = answer_to("POST", "/v1/scores", json={"design": small_design()})
-        assert answer is not None
         assert answer.status_code == 200, answer.text
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=LIMIT_SECONDS)
@@ -571,12 +551,6 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
 
 
 # --- a system without what Linux has --------------------------------------------------------------
-
-
-def lives(process: psutil.Process) -> bool:
-    with suppress(psutil.NoSuchProcess):
-        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
-    return False
 
 
 def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tmp_path: Path) -> None:
@@ -594,4 +568,4 @@ def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tm
         computing = [each for each in below if "tailstack_service.processes.child" in each.cmdline()]
         assert computing
         process.kill()
-        until(lambda: not any(map(lives, computing)), lambda: computing)
+        until(lambda: all(gone(each.pid) for each in computing), lambda: computing)

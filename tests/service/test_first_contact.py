@@ -18,6 +18,8 @@ from service_scenes import EXAMPLES, commands
 from plain_data import read_cases
 from tailstack.design import Revision, check_design, design_to_data, load_design, revise_design
 from tailstack.design.presets import PRESETS
+from tailstack.kernels import calls, store
+from tailstack_service.cli.doctor import CHECKS
 from tailstack_service.cli.main import verbs
 from tailstack_service.console.progress import Progress
 from tailstack_service.rendering.text import wrap
@@ -162,9 +164,6 @@ def test_a_service_without_a_place_for_its_database_says_how_to_name_one(
 def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
     call: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tailstack.kernels import calls, store
-    from tailstack_service.cli.doctor import CHECKS
-
     monkeypatch.setattr(store, "is_writable", lambda: False)
     monkeypatch.setattr(store.TRAFFIC, "unwritable", "/home/nobody cannot be written (Permission denied)")
     monkeypatch.setattr("tailstack_service.cli.doctor.CHECKS", {"compile cache": CHECKS["compile cache"]})
@@ -184,8 +183,6 @@ def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
 
 def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a terminal of 80 columns the reason used to be cut off, and in a log it stood in every line."""
-    from tailstack.kernels import store
-
     made = [store.StoredKernel(Path("x"), "k", "()", f"built for {level}, here is x86-64-v2") for level in ("a", "b")]
     monkeypatch.setattr(store, "installed_directories", lambda: (Path("installed"),))
     monkeypatch.setattr(store, "stored_kernels", lambda _: iter(made))
@@ -288,11 +285,6 @@ def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacem
 DESIGNS = sorted(path.stem for path in EXAMPLES.glob("*.yaml"))
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
 # --- init -----------------------------------------------------------------------------------------
 
 
@@ -349,7 +341,8 @@ def test_flags_say_what_is_asked_for(bare: Any) -> None:
 
 def test_on_a_terminal_it_asks_for_what_no_flag_says(bare: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     answers = ["", "siemens-cios", "siemens-cios-fusion", "many", "1e1", "", "0,0", "0,0,80", "", "650"]
-    monkeypatch.setattr("sys.stdin", Terminal("\n".join(answers) + "\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers) + "\n"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     code, out, err = bare("init", "mine.yaml", "--limit-mm", "3")
     assert (code, out) == (0, "next: tailstack score mine.yaml\n")
     assert "no preset is called 'siemens-cios'; did you mean siemens-cios-fusion?" in err

@@ -22,7 +22,7 @@ from tailstack.errors import NotConvergedError, Problem
 from tailstack_service.cli import gate_outputs
 from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
-from tailstack_service.console.files import Staged
+from tailstack_service.console.files import Staged, stage
 from tailstack_service.documents import to_json
 from tailstack_service.gate.records import GateRecord
 from tailstack_service.gate.rules import RULES
@@ -127,26 +127,24 @@ def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatc
     assert {finding.rule for finding in record().findings} == {"not-evaluated"}
 
 
-def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 1_000_000) -> None:
-    """Let a step of writing a file fail as if the disk were full, from the second time on: the gate has begun then."""
-    whole, seen = getattr(gate_outputs, step), []
+def failing(monkeypatch: pytest.MonkeyPatch, file: str) -> None:
+    """Let writing a file fail as if the disk were full, from the second time on: the gate has begun then."""
+    seen: list[str] = []
 
-    def full(first: Any, *more: Any) -> Any:
-        name = first if isinstance(first, str) else first.file
-        if name == file:
-            seen.append(name)
-            if 1 < len(seen) <= 1 + times:
-                raise OSError(28, "No space left on device")
-        return whole(first, *more)
+    def full(name: str, content: bytes) -> Staged:
+        seen.append(name)
+        if name == file and seen.count(file) > 1:
+            raise OSError(28, "No space left on device")
+        return stage(name, content)
 
-    monkeypatch.setattr(gate_outputs, step, full)
+    monkeypatch.setattr(gate_outputs, "stage", full)
 
 
 @pytest.mark.parametrize("file", [f"out.{name}" for name in FORMATS])
 def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any, file: str
 ) -> None:
-    failing(monkeypatch, "stage", file)
+    failing(monkeypatch, file)
     code, _, err = call("gate", *EVERY, "good.yaml", "--policy", "policy.yaml")
     assert code == 3
     assert f"cannot write {file}: No space left on device\n  hint: make room for it" in err
@@ -187,7 +185,7 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
 def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
     folder: Path, monkeypatch: pytest.MonkeyPatch, call: Any
 ) -> None:
-    failing(monkeypatch, "stage", "out.json")
+    failing(monkeypatch, "out.json")
     both = ("--format", "text", "--format", "json=out.json")
     code, out, err = call("gate", "good.yaml", "--policy", "policy.yaml", "--mode", "analytic", *both)
     assert code == 3
@@ -197,7 +195,7 @@ def test_a_text_on_stdout_does_not_say_pass_when_a_file_fails(
 
 
 def test_a_refusal_stays_a_refusal_when_a_file_fails_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    failing(monkeypatch, "stage", "out.sarif")
+    failing(monkeypatch, "out.sarif")
     assert gate("absent.yaml") == 2
     assert record().exit_code == 2
     assert {finding.rule for finding in record().findings} == {"not-evaluated", "invalid-design"}

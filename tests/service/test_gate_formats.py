@@ -6,13 +6,14 @@ The golden files are made by ``gate_scenes.py``, which says how.
 from __future__ import annotations
 
 import json
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import xsd
-from gate_scenes import DERIVED, FORMATS, GOLDEN, RULES, SCENES, golden, run, sarif_rules, settled
+from gate_scenes import DERIVED, FORMATS, GOLDEN, RULES, SCENES, gate_in, golden, policy, run, sarif_rules, settled
 from jsonschema import Draft202012Validator
 from service_scenes import ROOT, limited, sound_design
 
@@ -35,8 +36,6 @@ from tailstack_service.gate.text import render_text
 from tailstack_service.schemas import json_schema, read_record
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
-
-
 SARIF = Draft202012Validator(json.loads((SCHEMAS / "sarif-2.1.0.json").read_text(encoding="utf-8")))
 GITLAB = Draft202012Validator(json.loads((SCHEMAS / "gitlab-codequality.json").read_text(encoding="utf-8")))
 XSD = SCHEMAS / "junit-10.xsd"
@@ -175,10 +174,8 @@ def test_junit_holds_whatever_a_name_holds() -> None:
 
 
 def test_junit_counts_what_it_holds() -> None:
-    import xml.etree.ElementTree as ET
-
     for title in SCENES:
-        root = ET.fromstring(golden(title, "junit").read_bytes())
+        root = ElementTree.fromstring(golden(title, "junit").read_bytes())
         for suite in root:
             cases = suite.findall("testcase")
             assert cases, "a suite without a case looks like a pass"
@@ -189,17 +186,13 @@ def test_junit_counts_what_it_holds() -> None:
         assert (red > 0) == (SCENES[title].exit_code != 0), title
 
 
-def test_every_limit_that_is_missed_is_a_case_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_limit_that_is_missed_is_a_case_that_failed(tmp_path: Path) -> None:
     """Of two limits of one name too: the policy's P95, and a requirement that somebody called p95."""
-    import xml.etree.ElementTree as ET
-
-    monkeypatch.chdir(tmp_path)
     own = {"name": "p95", "error": "localisation", "quantile": 0.9, "limit_mm": 0.01}
-    rules = {"overlap": {"severity": "off"}, "p95": {"limit_mm": 0.02}}
-    Path("a.yaml").write_text(data_to_yaml(sound_design(requirements=[own], optimise=None)), encoding="utf-8")
-    Path("p.yaml").write_text(data_to_yaml({"schema": "tailstack/policy/1", "rules": rules}), encoding="utf-8")
-    assert main(["gate", "a.yaml", "--policy", "p.yaml", "--mode", "analytic", "--format", "junit=j.xml"]) == 1
-    cases = ET.parse("j.xml").findall(".//testcase")
+    (tmp_path / "a.yaml").write_text(data_to_yaml(sound_design(requirements=[own], optimise=None)), encoding="utf-8")
+    (tmp_path / "p.yaml").write_text(data_to_yaml(policy({"p95": {"limit_mm": 0.02}})), encoding="utf-8")
+    assert gate_in(tmp_path, "a.yaml", "--policy", "p.yaml", "--format=junit=j.xml")[0] == 1
+    cases = ElementTree.parse(tmp_path / "j.xml").findall(".//testcase")
     assert [(case.attrib["name"], len(case.findall("failure"))) for case in cases] == [("p95: p95, target tip", 1)] * 2
 
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 from gate_scenes import FAILING, PASSING, TODAY, gate_in, of_rule, waivers_of_today, write_document
+from gate_scenes import policy as policy_of
 from service_scenes import limited
 
 from tailstack_service.cli.gate_files import Anchors
@@ -30,10 +31,9 @@ LAX, STRICT = 1.3, 0.5  # mm; P95 of the design is about 0.65
 COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "geprüft") for form in ("NFC", "NFD"))
 
 
-def policy(*patterns: str, name: str = "released", limit_mm: float = STRICT, **more: Any) -> dict[str, Any]:
-    own = {"name": name, "files": list(patterns), "rules": {"p95": {"limit_mm": limit_mm}}, **more}
-    rules = {"p95": {"limit_mm": LAX}, "overlap": {"severity": "off"}}
-    return {"schema": "tailstack/policy/1", "rules": rules, "classes": [own]}
+def policy(*patterns: str, name: str = "released") -> dict[str, Any]:
+    own = {"name": name, "files": list(patterns), "rules": {"p95": {"limit_mm": STRICT}}}
+    return policy_of({"p95": {"limit_mm": LAX}}, classes=[own])
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_brackets_are_no_pattern(tmp_path: Path) -> None:
     for name in ("order [A7]/*.yaml", "order [A7]/d[1].yaml", "order ?A7?/d*.yaml"):
         code, record = gate_in(tmp_path, name)
         assert (code, [design.file for design in record.designs]) == (1, ["order [A7]/d[1].yaml"]), name
-    rules = write_document(tmp_path / "policy.yaml", policy("order ?A7?/*", name="free", limit_mm=STRICT))
+    rules = write_document(tmp_path / "policy.yaml", policy("order ?A7?/*", name="free"))
     code, record = gate_in(tmp_path, "order A/d1.yaml", "--policy", rules)
     assert (code, record.designs[0].design_class) == (0, None)
     (finding,) = of_rule(record, "class-unused")
@@ -147,8 +147,7 @@ def test_beads_lie_beside_the_file_and_not_beside_a_link_to_it(tmp_path: Path) -
     points = limited(PASSING)["fiducials"]["points"]
     rows = [f"F{n}," + ",".join(map(str, point["position_mm"])) for n, point in enumerate(points)]
     for folder, lines in (("designs", rows), ("elsewhere", rows[:3])):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "beads.csv").write_text("\n".join(["label,x_mm,y_mm,z_mm", *lines]), encoding="utf-8")
+        write_document(tmp_path / folder / "beads.csv", "\n".join(["label,x_mm,y_mm,z_mm", *lines]))
     fiducials = {**limited(PASSING)["fiducials"], "file": "beads.csv"}
     del fiducials["points"]
     write_document(tmp_path / "designs" / "x.yaml", {**limited(PASSING), "fiducials": fiducials})
@@ -285,8 +284,7 @@ def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, dict[str, str 
         limit = chance.choice([0.2, 0.5, 1.0])
         classes.append({"name": f"class {index}", "files": patterns, "rules": {"p95": {"limit_mm": limit}}})
     place = chance.choice(["policy.yaml", "policy.yaml", "ci/policy.yaml"])
-    rules = {"p95": {"limit_mm": LAX}, "overlap": {"severity": "off"}}
-    write_document(root / place, {"schema": "tailstack/policy/1", "rules": rules, "classes": classes})
+    write_document(root / place, policy_of({"p95": {"limit_mm": LAX}}, classes=classes))
     (folder / "link").symlink_to("tree")
     (folder / "far").mkdir()
     (folder / "far" / "way").symlink_to(f"../link/{Path(files[0]).parent}")

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from gate_scenes import PASSING, TODAY, gate_in, waivers_of_today, write_document
+from gate_scenes import policy as policy_of
 from pydantic import BaseModel
 from service_scenes import limited
 
@@ -27,9 +28,8 @@ from tailstack_service.gate.waivers import Waivers
 
 def policy(*patterns: str, limit_mm: float = 1.3) -> dict[str, Any]:
     """A strict policy with a lax class; P95 of the design is about 0.65 mm."""
-    rules = {"p95": {"limit_mm": 0.5}, "overlap": {"severity": "off"}}
     own = {"name": "lax", "files": list(patterns), "rules": {"p95": {"limit_mm": limit_mm}}}
-    return {"schema": "tailstack/policy/1", "rules": rules, "classes": [own]}
+    return policy_of({"p95": {"limit_mm": 0.5}}, classes=[own])
 
 
 # --- nothing above the root ---------------------------------------------------------------------------------------
@@ -168,7 +168,6 @@ def test_what_is_sound_is_not_refused() -> None:
 @pytest.mark.parametrize("pattern", [pattern for pattern in OF_FILES if not pattern.startswith("..")])
 def test_the_cure_of_a_path_is_sound(pattern: str) -> None:
     slip = find_slip(pattern)
-    assert slip is not None
     (meant,) = re.findall(r"'([^']+)'", slip.cure)
     assert find_slip(meant) is None
 
@@ -307,8 +306,7 @@ def test_what_only_a_link_leads_to_is_found(tmp_path: Path) -> None:
 
 def test_patterns_of_the_command_line_as_people_know_them(tmp_path: Path) -> None:
     for name in ("a/x.yaml", "a/b/y.yaml", "a/.hidden/z.yaml", "a/n.txt"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
+        write_document(tmp_path / name, "")
     with chdir(tmp_path):
         assert find_paths("a/*.yaml") == ["a/x.yaml"]
         assert find_paths("a/**/*.yaml") == ["a/b/y.yaml", "a/x.yaml"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gate_scenes import BAD, GOOD, STRICT, TODAY, read_gate_record, waivers, write_documents
+from gate_scenes import BAD, GOOD, STRICT, TODAY, gate_in, read_gate_record, waivers, write_document, write_documents
 from service_scenes import limited
 
 from plain_data import read_cases
@@ -104,6 +104,7 @@ def test_a_waiver_that_is_in_order_is_taken(room: Path) -> None:
 
 
 VALUE = "0.3"  # the limit that is missed
+NO_UTF_8 = os.fsdecode(b"caf\xe9.yaml")
 
 
 def found(*arguments: str, code: int = 1) -> list[GateFinding]:
@@ -160,9 +161,7 @@ def test_the_place_is_that_of_the_value(room: Path, name: str, write: Callable[[
 
 
 def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(room: Path) -> None:
-    raw = os.fsencode(str(room)) + b"/caf\xe9.yaml"
-    with open(raw, "wb") as stream:
-        stream.write(data_to_yaml(BAD).encode())
+    write_document(room / NO_UTF_8, BAD)
     (room / "line\nbreak\x1b.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
     assert [finding.file for finding in found("*.yaml", "--format=text=o.txt", code=2)][:2] == [
         "caf\ufffd.yaml", "line\ufffdbreak\ufffd.yaml",
@@ -172,8 +171,7 @@ def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(room: Path) -> 
 def test_what_is_wrong_in_a_fiducial_file_stands_there(room: Path) -> None:
     filed: dict[str, Any] = limited(1.4)
     filed["fiducials"] = {"file": "beads.csv"}
-    (room / "sub").mkdir()
-    (room / "sub" / "d.yaml").write_text(data_to_yaml(filed), encoding="utf-8")
+    write_document(room / "sub" / "d.yaml", filed)
     (finding,) = found("sub/d.yaml", code=2)
     assert (finding.file, finding.rule, finding.pointer) == ("sub/d.yaml", "invalid-design", "/fiducials/file")
     assert data_to_yaml(filed).splitlines()[(finding.line or 0) - 1].endswith("file: beads.csv")
@@ -185,13 +183,10 @@ def test_what_is_wrong_in_a_fiducial_file_stands_there(room: Path) -> None:
 
 def test_whatever_a_file_is_called_a_refusal_of_it_can_be_written(room: Path) -> None:
     """Bytes that are no UTF-8, and a way that is absolute: for designs, policies, waivers and baselines."""
-    raw = os.fsdecode(os.fsencode(str(room)) + b"/caf\xe9.yaml")
-    Path(raw).write_bytes(b"schema: tailstack/design/1\nname: x\n")
+    raw = str(write_document(room / NO_UTF_8, "schema: tailstack/design/1\nname: x\n"))
     finding = found(raw, code=2)[0]
     assert (finding.file, finding.line) == ("caf\ufffd.yaml", 1)
     (room / "d.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
     for option in ("--waivers", "--baseline", "--policy"):
-        arguments = ["gate", "d.yaml", "--mode", "analytic", option, raw, "--format=json=out.json"]
-        assert main(arguments) == 2
-        findings = read_gate_record(room / "out.json").findings
-        assert {entry.file for entry in findings} == {"caf\ufffd.yaml"}
+        code, record = gate_in(room, "d.yaml", option, raw)
+        assert (code, {entry.file for entry in record.findings}) == (2, {"caf\ufffd.yaml"})

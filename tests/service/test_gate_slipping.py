@@ -6,7 +6,6 @@ Designs are plain data that is changed as an author would change it; what is exp
 from __future__ import annotations
 
 import contextlib
-import copy
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -14,6 +13,7 @@ from unittest.mock import patch
 import pytest
 from gate_scenes import TODAY, judge_files, of_rule, plain_record, policy, write_documents
 from service_scenes import ROOT, sound_design
+from test_gate_verdicts import waiver, waivers
 
 from tailstack_service.cli.main import main
 
@@ -136,25 +136,17 @@ def test_a_requirement_that_asks_for_less_than_in_the_baseline_fails(
     assert (record.verdict, record.exit_code) == ("fail", 1)
 
 
-@pytest.mark.parametrize(
-    "after",
-    [
-        [PROMISE],
-        [changed(limit_mm=1.0)],
-        [changed(quantile=0.99)],
-        [changed(name="another name")],
-        [changed(name="tighter", limit_mm=1.3), changed(limit_mm=50.0)],
-        [changed(targets=["tip"])],
-    ],
-    ids=[
-        "the same",
-        "a tighter limit",
-        "a higher quantile",
-        "renamed",
-        "implied by another",
-        "its only target by name",
-    ],
-)
+AS_MUCH = {
+    "the same": [PROMISE],
+    "a tighter limit": [changed(limit_mm=1.0)],
+    "a higher quantile": [changed(quantile=0.99)],
+    "renamed": [changed(name="another name")],
+    "implied by another": [changed(name="tighter", limit_mm=1.3), changed(limit_mm=50.0)],
+    "its only target by name": [changed(targets=["tip"])],
+}
+
+
+@pytest.mark.parametrize("after", AS_MUCH.values(), ids=[*AS_MUCH])
 def test_what_asks_for_as_much_or_more_is_no_finding(after: list[dict[str, Any]]) -> None:
     record = judge_files({"guide.yaml": design(*after)}, baseline=baseline(PROMISE))
     assert not of_rule(record, "limit-relaxed")
@@ -220,7 +212,15 @@ def test_a_renamed_file_is_compared_by_what_the_design_consists_of() -> None:
     assert judge_files({"new.yaml": nudged}, baseline=baseline()).exit_code == 1
 
 
-def unlike_any_other() -> dict[str, Any]:
+def shifted(name: str) -> dict[str, Any]:
+    """Another design: its beads lie 2 mm beside."""
+    other = design(PROMISE, name=name)
+    for point in other["fiducials"]["points"]:
+        point["position_mm"][0] += 2.0
+    return other
+
+
+def unlike_any_other(target: str = "tip") -> dict[str, Any]:
     """File, name and limit, and every section by something."""
     other = relaxed_and_renamed()
     for point in other["fiducials"]["points"]:
@@ -228,6 +228,7 @@ def unlike_any_other() -> dict[str, Any]:
     for view in other["views"]:
         view["fiducial_noise_px"] = 0.29
     other["targets"][0]["position_mm"][2] += 1.0
+    other["targets"][0]["name"] = target
     del other["interfaces"]
     return other
 
@@ -250,20 +251,14 @@ def test_a_limit_is_not_got_rid_of_by_changing_everything_a_little() -> None:
 
 def test_where_one_file_went_and_one_came_it_is_that_one() -> None:
     """Even with another name of the target: its limit went with it."""
-    other = unlike_any_other()
-    other["targets"][0]["name"] = "probe"
-    record = judge_files({"new.yaml": other}, baseline=baseline())
+    record = judge_files({"new.yaml": unlike_any_other("probe")}, baseline=baseline())
     assert record.exit_code == 1
     assert of_rule(record, "limit-relaxed")
 
 
 def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
-    other = unlike_any_other()
-    other["targets"][0]["name"] = "probe"
-    second = design(PROMISE, name="second")
-    for point in second["fiducials"]["points"]:
-        point["position_mm"][0] += 2.0
-    two = plain_record(judge_files({"guide.yaml": design(PROMISE), "second.yaml": second}))
+    other = unlike_any_other("probe")
+    two = plain_record(judge_files({"guide.yaml": design(PROMISE), "second.yaml": shifted("second")}))
     record = judge_files({"new.yaml": other}, baseline=two)
     note, said = of_rule(record, "not-compared")
     assert (note.severity, note.file) == ("note", "new.yaml")
@@ -286,9 +281,7 @@ def test_a_design_whose_file_is_still_there_was_not_renamed() -> None:
 
 def test_a_design_that_nobody_judges_any_more_is_missed(tmp_path: Path) -> None:
     """Renamed to what the pattern of the pipeline does not match, or removed."""
-    other = design(PROMISE, name="another")
-    for point in other["fiducials"]["points"]:
-        point["position_mm"][0] += 2.0
+    other = shifted("another")
     both = {"guide.yaml": design(PROMISE), "other.yaml": other}
     before = plain_record(judge_files(both))
     record = judge_files({"guide.yaml": design(PROMISE)}, baseline=before)
@@ -310,20 +303,12 @@ def test_a_design_that_nobody_judges_any_more_is_missed(tmp_path: Path) -> None:
 
 
 def test_a_class_that_weakens_or_takes_a_limit_away_is_a_finding() -> None:
+    limits = {"cvar": {"limit_mm": 9.0}, "survives-loss": {"lost": 1}, "reliability": {"max_effect_mm": 9.0}}
+    taken_away = {"cvar": {"limit_mm": None}, "survives-loss": {"lost": None}, "reliability": {"max_effect_mm": None}}
     classes = [
-        {
-            "name": "weak",
-            "files": ["w*"],
-            "rules": {
-                "p95": {"severity": "warning"},
-                "cvar": {"limit_mm": None},
-                "survives-loss": {"lost": None},
-                "reliability": {"max_effect_mm": None},
-            },
-        },
+        {"name": "weak", "files": ["w*"], "rules": {"p95": {"severity": "warning"}, **taken_away}},
         {"name": "nobody", "files": ["x*"], "rules": {"p95": {"severity": "off"}}},
     ]
-    limits = {"cvar": {"limit_mm": 9.0}, "survives-loss": {"lost": 1}, "reliability": {"max_effect_mm": 9.0}}
     rules = policy(limits, classes=classes)
     found = of_rule(judge_files({"weak.yaml": design(PROMISE)}, policy=rules), "class-relaxed")
     assert [(finding.pointer, finding.severity) for finding in found] == [
@@ -337,15 +322,11 @@ def test_a_class_that_weakens_or_takes_a_limit_away_is_a_finding() -> None:
 # --- waivers --------------------------------------------------------------------------------------
 
 
-def wide(entry: dict[str, Any], name: str = "guide.yaml", limit_mm: float = 0.5, **more: Any) -> list[str]:
+def wide(entry: dict[str, Any], limit_mm: float = 0.5, **more: Any) -> list[str]:
     """Messages about one waiver of a design whose P95 is about 0.65 mm."""
-    complete = {
-        "rule": "p95", "owner": "J. Doe", "reason": "first article", "expires": "2026-12-31",
-        "designs": ["guide.yaml"], "max_value": 0.9, **entry,
-    }  # fmt: skip
-    kept = {key: value for key, value in complete.items() if value is not None}
-    waivers = {"schema": "tailstack/waivers/1", "waivers": [kept]}
-    record = judge_files({name: design(changed(limit_mm=limit_mm), name="drill guide, rev C")}, waivers=waivers, **more)
+    given = waivers(waiver(**{"designs": ["guide.yaml"], "max_value": 0.9, **entry}))
+    files = {"guide.yaml": design(changed(limit_mm=limit_mm), name="drill guide, rev C")}
+    record = judge_files(files, waivers=given, **more)
     found = of_rule(record, "waiver-wide")
     assert {finding.severity for finding in found} <= {"warning"}
     return [f"{finding.pointer}: {finding.message}" for finding in found]
@@ -374,26 +355,21 @@ def test_a_waiver_far_beyond_the_limit_or_the_value_is_wide() -> None:
 
 def test_waivers_of_percent_and_of_what_must_not_be_small() -> None:
     """closed form: 100 % above is twice a P95; half of a distance is twice too near."""
-    worse = copy.deepcopy(design(PROMISE))
+    worse = design(PROMISE)
     for view in worse["views"]:
         view["fiducial_noise_px"], view["target_noise_px"] = 0.6, 0.6
-    entry = {
-        "rule": "regression", "owner": "J. Doe", "reason": "new detector", "expires": "2026-12-31",
-        "designs": ["guide.yaml"],
-    }  # fmt: skip
 
     def said(rule: dict[str, Any], files: dict[str, Any], **more: Any) -> list[str]:
-        waivers = {"schema": "tailstack/waivers/1", "waivers": [{**entry, **rule}]}
-        return [finding.message for finding in of_rule(judge_files(files, waivers=waivers, **more), "waiver-wide")]
+        given = waivers(waiver(**{"rule": "regression", "designs": ["guide.yaml"], **rule}))
+        return [finding.message for finding in of_rule(judge_files(files, waivers=given, **more), "waiver-wide")]
 
     rises = judge_files({"guide.yaml": worse}, baseline=baseline())
     percent = of_rule(rises, "regression")[0].value
-    assert percent is not None
     assert 5 < percent < 99
     assert said({"max_value": percent + 1}, {"guide.yaml": worse}, baseline=baseline()) == []
     (words,) = said({"max_value": 101.0}, {"guide.yaml": worse}, baseline=baseline())[:1]
     assert "max_value 101 % is beyond 2 times the limit, 0 %" in words
-    near = {"rule": "overlap", "min_value": 12.0}
+    near = {"rule": "overlap", "max_value": None, "min_value": 12.0}
     strict = policy({"overlap": {"severity": "error", "min_px": 21.0}})
     assert said(near, {"guide.yaml": design(PROMISE)}, policy=strict) == []
     (words,) = said({**near, "min_value": 10.2}, {"guide.yaml": design(PROMISE)}, policy=strict)

@@ -11,7 +11,6 @@ import inspect
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +22,7 @@ from answers import answers, committed_answers, differences, shape, shortened
 from openapi_scenes import DOCUMENT, OPENAPI
 from served import Served, served
 
-from family import run_process, run_python
+from family import run_python
 from plain_data import read_cases
 from waiting import LIMIT_SECONDS
 
@@ -39,8 +38,7 @@ pytest.register_assert_rewrite(COURSE.stem)
 
 def generated(folder: Path, choice: str) -> Path:
     """The folder, in which the command has made one of the clients."""
-    command: list[str | Path] = [sys.executable, OPENAPI / "generate.py", f"--{choice}", "-o", folder]
-    done = run_process(*command)
+    done = run_python(OPENAPI / "generate.py", f"--{choice}", "-o", folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / choice
 
@@ -79,9 +77,9 @@ def client(course: ModuleType, services: Callable[..., Served]) -> Iterator[Any]
 
 
 def test_python_client_is_small_and_imports_whole(package: Path) -> None:
-    files = [path for path in package.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    files = contents(package)
     assert len(files) < MOST_FILES
-    assert sum(path.stat().st_size for path in files) < LARGEST_BYTES
+    assert sum(map(len, files.values())) < LARGEST_BYTES
     modules = sorted(".".join(path.relative_to(package).with_suffix("").parts) for path in package.rglob("*.py"))
     code = "\n".join(f"import {module.removesuffix('.__init__')}" for module in modules)
     done = run_python("-W", "error", "-c", code, cwd=package)
@@ -135,9 +133,8 @@ def test_programs_with_the_python_client_are_typed(package: Path, tmp_path: Path
     settings = tmp_path / "mypy.ini"
     settings.write_text(MYPY.format(package=package), encoding="utf-8")
     programs = [COURSE, *sorted(tmp_path.glob("wrong*.py"))]
-    command: list[str | Path] = [sys.executable, "-m", "mypy", "--config-file", settings]
-    command += ["--cache-dir", tmp_path / "cache", *programs]
-    done = run_process(*command)
+    command = ("-m", "mypy", "--config-file", settings, "--cache-dir", tmp_path / "cache")
+    done = run_python(*command, *programs)
     found = set(re.findall(r"(\w+)\.py:\d+: error", done.stdout))
     assert found == {f"wrong{number}" for number in range(len(WRONG_PYTHON))}, done.stdout + done.stderr
 

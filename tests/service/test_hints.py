@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from service_scenes import ROOT
 
+from plain_data import places_of, value_at
 from tailstack.errors import Problem, TailstackError
 from tailstack_service.cli.main import build_parser, verbs
 from tailstack_service.console.refusals import NEXT, next_command
@@ -90,9 +91,8 @@ def parts_of(node: ast.AST) -> Iterator[ast.AST]:
 
 
 @cache
-def parser_of(verb: str, member: str | None = None) -> argparse.ArgumentParser:
-    parser = members(build_parser(verb))[verb]
-    return parser if member is None else members(parser)[member]
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    return members(build_parser(verb))[verb]
 
 
 def members(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
@@ -176,16 +176,14 @@ def read_from_environment() -> set[str]:
     return {name for path in SOURCES for groups in reading.findall(path.read_text(encoding="utf-8")) for name in groups}
 
 
-def property_names(node: Any) -> Iterator[str]:
-    if isinstance(node, dict):
-        yield from node.get("properties", {}) if isinstance(node.get("properties"), dict) else ()
-        for value in node.get("enum", []) if isinstance(node.get("enum"), list) else ():
-            yield str(value)
-        for child in node.values():
-            yield from property_names(child)
-    elif isinstance(node, list):
-        for child in node:
-            yield from property_names(child)
+def property_names(schema: Any) -> Iterator[str]:
+    """Names of fields, and words that a field takes."""
+    for path in places_of(schema):
+        match path[-2:]:
+            case ("properties", str(name)):
+                yield name
+            case ("enum", int()):
+                yield str(value_at(schema, path))
 
 
 @pytest.mark.long

@@ -185,7 +185,6 @@ def part(data: str | bytes) -> str:
 def test_what_a_stranger_wrote_into_a_token_is_not_said_again(guarded: Guarded) -> None:
     """The parser's own words may hold it: claims, header, where it stopped."""
     mark = "zzz-a-strangers-words-zzz"
-
     strange = json.dumps({"alg": mark, "typ": mark, "kid": mark, "crit": [mark]})
     tokens = [
         guarded.token(aud=mark), guarded.token(iss=mark), guarded.token(exp=mark), guarded.token(nbf=mark),
@@ -245,7 +244,7 @@ def test_a_shared_secret_is_long(guarded: Guarded, tmp_path: Path) -> None:
         tokens_with(tmp_path, b"0123456789abcdef" + b"\n" * 40, "HS256")
 
 
-def test_a_file_of_several_keys(guarded: Guarded, tmp_path: Path) -> None:
+def test_a_file_of_several_keys(tmp_path: Path) -> None:
     keys = {name: rsa.generate_private_key(65537, 2048) for name in ("old", "new")}
     entries = [
         {**json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(key.public_key())), "kid": name, "use": "sig", "alg": "RS256"}

@@ -26,8 +26,6 @@ from waiting import until
 NOISE, BEAD = "/views/0/fiducial_noise_px", "/fiducials/points/2/position_mm/1"
 TABLE = {NOISE: [0.3, 0.2, -1.0, 0.4], BEAD: [38.0, 37.0, 38.0, 36.0]}
 PATH = "/v1/scores/batch"
-
-
 CLIENT = {"settings": Settings(worker_processes=1, max_batch_rows=6_000, max_wait_seconds=600.0), "worker": True}
 
 

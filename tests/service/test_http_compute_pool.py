@@ -28,6 +28,7 @@ from starlette.requests import Request
 from strange_units import stand_still, wait_for
 
 from tailstack import load_design, losses, score
+from tailstack.design.write import data_to_yaml
 from tailstack.errors import LimitError
 from tailstack_service.http import compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
@@ -432,20 +433,27 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     assert abs(asked_for - laws[0]) <= 10 * targets * limits
 
 
+def expected_seconds(name: str, sent: RawRequest) -> float:
+    """How long the rest of a request is expected to take, once it is read."""
+    found = perform.receive(name, sent, Settings())
+    assert isinstance(found, Estimated), found
+    return found.seconds
+
+
+def as_json(body: dict[str, Any]) -> RawRequest:
+    return RawRequest("json", json.dumps(body).encode())
+
+
 def test_what_is_asked_without_losses_is_expected_without_them() -> None:
-    design = {**many_targets()}
-    design["fiducials"] = {**design["fiducials"], "loss_probability": 0.01}
-    bodies = (json.dumps({"design": design, "losses": each}).encode() for each in (True, False))
-    found = [perform.receive("score", RawRequest("json", body), Settings()) for body in bodies]
-    assert all(isinstance(one, Estimated) for one in found)
+    design = many_targets()
+    design["fiducials"]["loss_probability"] = 0.01
+    asked, spared = (expected_seconds("score", as_json({"design": design, "losses": each})) for each in (True, False))
     size = operation.size_of(load_design(design))
     assert size == (200, 2, 35, 35, 200)
-    assert [one.seconds for one in found] == [  # type: ignore[union-attr]
-        operation.score_seconds([size]), operation.score_seconds([size], losses=False)
-    ]  # fmt: skip
-    assert found[0].seconds > found[1].seconds  # type: ignore[union-attr]
+    assert (asked, spared) == (operation.score_seconds([size]), operation.score_seconds([size], losses=False))
+    assert asked > spared
     every = operation.score_seconds([size._replace(missed=0)], losses=False)
-    assert found[1].seconds > 5 * every, "what is missed is in every score"  # type: ignore[union-attr]
+    assert spared > 5 * every, "what is missed is in every score"
 
 
 def many_targets() -> dict[str, Any]:
@@ -463,8 +471,6 @@ def escaped(text: str) -> str:
 
 def disguises() -> dict[str, tuple[str, RawRequest]]:
     """One large design as many requests, none of which says by its words how long it takes."""
-    from tailstack.design.write import data_to_yaml
-
     design = many_targets()
     yaml, one = data_to_yaml(design), json.dumps({"design": design})
     gate = json.dumps({"designs": [{"file": "a.yaml", "design": design}], "mode": "analytic"})
@@ -478,30 +484,20 @@ def disguises() -> dict[str, tuple[str, RawRequest]]:
         "gate of escaped text": ("gate", RawRequest("json", texts.encode())),
         "layout": ("layout", RawRequest("json", one.encode())),
         "check of a job": ("verification", RawRequest("json", one.encode())),
-        "table": ("batch", RawRequest("json", json.dumps({
-            "design": design, "table": {"/views/0/fiducial_noise_px": [0.3]}
-        }).encode())),
+        "table": ("batch", as_json({"design": design, "table": {"/views/0/fiducial_noise_px": [0.3]}})),
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("disguise", disguises())
 def test_a_large_design_is_long_whatever_it_looks_like(disguise: str) -> None:
     """The estimate is that of the design as it was read: the same for every way to write it."""
-    name, sent = disguises()[disguise]
-    found = perform.receive(name, sent, Settings())
-    assert isinstance(found, Estimated)
-    assert found.seconds >= operation.score_seconds([operation.Size(200, 2, 20)])
+    assert expected_seconds(*disguises()[disguise]) >= operation.score_seconds([operation.Size(200, 2, 20)])
 
 
 def test_second_order_is_long_however_it_is_written() -> None:
-    body = json.dumps({"design": small_design(targets=many_targets()["targets"]), "second_order": True})
-    plain = perform.receive("score", RawRequest("json", body.encode()), Settings())
-    written = perform.receive(
-        "score", RawRequest("json", body.replace("second_", "second\\u005f").encode()), Settings()
-    )
-    assert isinstance(plain, Estimated)
-    assert isinstance(written, Estimated)
-    assert written.seconds == plain.seconds > 1.0
+    plain = as_json({"design": small_design(targets=many_targets()["targets"]), "second_order": True})
+    written = RawRequest("json", plain.body.replace(b"second_", b"second\\u005f"))
+    assert expected_seconds("score", written) == expected_seconds("score", plain) > 1.0
 
 
 def test_losses_count_in_a_gate_that_judges_them() -> None:
@@ -513,9 +509,7 @@ def test_losses_count_in_a_gate_that_judges_them() -> None:
             "policy": {"schema": "tailstack/policy/1", "name": "p", "rules": rules},
             "mode": "analytic",
         }
-        found = perform.receive("gate", RawRequest("json", json.dumps(body).encode()), Settings())
-        assert isinstance(found, Estimated), found
-        return found.seconds
+        return expected_seconds("gate", as_json(body))
 
     judged = seconds({"survives-loss": {"lost": 1}})
     assert judged > seconds({"p95": {"limit_mm": 0.6}}) > 0.0

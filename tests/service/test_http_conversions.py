@@ -18,15 +18,15 @@ from tailstack.design.write import data_to_yaml
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
+CLIENT = {"settings": Settings(max_fiducials=10)}
+STEP, YAML, PLAIN = ({"Content-Type": kind} for kind in ("model/step", "application/yaml", "text/plain"))
+CARRIER = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")  # eight balls of 3 mm
 CSV = "label,x_cm,y_cm,z_cm\nA,1,2,-3\nB,0.5,0,0\n"
 FCSV = (
     "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n"
     "1,-10,-20,-30,A\n2,-5,0,0,B\n"
 )
 POINTS = [{"label": "A", "position_mm": [10.0, 20.0, -30.0]}, {"label": "B", "position_mm": [5.0, 0.0, 0.0]}]
-
-
-CLIENT = {"settings": Settings(max_fiducials=10)}
 
 
 def converted(response: httpx.Response) -> dict[str, Any]:
@@ -44,16 +44,15 @@ def test_beads_of_a_file_as_json_or_as_they_are(client: httpx.Client) -> None:
     assert section["origin"]["file"] == "content.csv"
     assert section["origin"]["sha256"] == hashlib.sha256(CSV.encode()).hexdigest()
     assert "factor 10" in " ".join(document["notes"])
-    plain = client.post("/v1/conversions?from=csv&to=yaml", content=CSV, headers={"Content-Type": "text/plain"})
+    plain = client.post("/v1/conversions?from=csv&to=yaml", content=CSV, headers=PLAIN)
     assert converted(plain) == document
 
 
 def test_a_design_to_another_form_and_to_its_beads(client: httpx.Client) -> None:
     text = data_to_yaml(small_design())
-    header = {"Content-Type": "application/yaml"}
-    document = converted(client.post("/v1/conversions?to=json", content=text, headers=header))
+    document = converted(client.post("/v1/conversions?to=json", content=text, headers=YAML))
     assert json.loads(document["content"]) == small_design()
-    beads = converted(client.post("/v1/conversions?to=csv", content=text, headers=header))
+    beads = converted(client.post("/v1/conversions?to=csv", content=text, headers=YAML))
     assert [point["label"] for point in beads["fiducials"]] == [f"F{k}" for k in range(1, 9)]
     assert len(beads["content"].splitlines()) == 9
 
@@ -86,18 +85,12 @@ def test_a_type_that_says_what_it_is_needs_no_more(client: httpx.Client) -> None
     check_problem(page, 415, "unsupported-media-type")
 
 
-STEP, YAML = {"Content-Type": "model/step"}, {"Content-Type": "application/yaml"}
-
-
-CARRIER = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")  # eight balls of 3 mm
-
-
 def test_balls_of_a_step_file_alone_and_in_the_place_of_the_fiducials_of_a_design(client: httpx.Client) -> None:
     query = "?sphere_diameter_mm=3&sphere_tolerance_mm=0.1&name=BEAD[!8]"
     document = converted(client.post(f"/v1/conversions{query}", content=CARRIER, headers=STEP))
     assert [point["label"] for point in document["fiducials"]] == [f"BEAD{k}" for k in range(1, 8)]
     assert [body["reason"] for body in document["bodies"]] == [""] * 7 + ["no name of it matches BEAD[!8]"]
-    again = client.post(f"/v1/conversions{query}&from=step", content=CARRIER, headers={"Content-Type": "text/plain"})
+    again = client.post(f"/v1/conversions{query}&from=step", content=CARRIER, headers=PLAIN)
     assert converted(again) == document
     body = {"format": "step", "content": CARRIER, "name": "BEAD?", "sphere_diameter_mm": 3, "base": small_design()}
     replaced = converted(client.post("/v1/conversions", json=body))
@@ -132,11 +125,8 @@ def test_a_step_file_may_be_longer_than_a_design() -> None:
         assert client.post(query, content=padded, headers=STEP).status_code == 200
         too_long = client.post(query, content=padded + " " * 20_000, headers=STEP)
         assert "TAILSTACK_MAX_STEP_BYTES" in check_problem(too_long, 413, "limit-exceeded")["errors"][0]["hint"]
-        plain = client.post("/v1/conversions", content=padded, headers={"Content-Type": "application/yaml"})
+        plain = client.post("/v1/conversions", content=padded, headers=YAML)
         assert "TAILSTACK_MAX_BODY_BYTES" in check_problem(plain, 413, "limit-exceeded")["errors"][0]["hint"]
-
-
-PLAIN = {"Content-Type": "text/plain"}
 
 
 @pytest.mark.parametrize(

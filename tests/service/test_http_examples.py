@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import copy
 from itertools import combinations
 from math import dist
 
 import httpx
 import numpy as np
 import pytest
-import yaml
-from service_scenes import EXAMPLES, ROOT, check_problem, client_with, small_design
+from service_scenes import EXAMPLES, check_problem, small_design
 
+from plain_data import DEMO, REMOVED, replaced
 from tailstack import load_design
 from tailstack.errors import IllPosedError
 from tailstack.scoring import score
@@ -76,18 +75,12 @@ def test_a_view_of_any_preset_with_what_it_must_state_is_valid(client: httpx.Cli
 # --- where everything is --------------------------------------------------------------------------
 
 
-DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
-
-
-def without_bias():
-    design = copy.deepcopy(DEMO)
-    del design["interfaces"]["structure_connector"]["bias"]
-    return design
+WITHOUT_BIAS = replaced(DEMO, ("interfaces", "structure_connector", "bias"), REMOVED)
 
 
 def test_images_are_those_of_a_pinhole():
     """AP of the example: source 700 mm from the isocentre on one axis of con, detector at 1020 mm, pitch 0.194 mm."""
-    found = lay_out(load_design(without_bias()))
+    found = lay_out(load_design(WITHOUT_BIAS))
     for view in found.views:
         source = np.array(view.source_mm)
         assert np.linalg.norm(source) == pytest.approx(700)
@@ -115,7 +108,7 @@ def test_projections_image_the_points_that_are_listed():
 
 
 def test_a_known_bias_moves_fiducials_and_not_targets():
-    plain, biased = lay_out(load_design(without_bias())), lay_out(load_design(DEMO))
+    plain, biased = lay_out(load_design(WITHOUT_BIAS)), lay_out(load_design(DEMO))
     for before, after in zip(plain.views, biased.views, strict=True):
         assert before.targets == after.targets
         assert all(dist(a.image_px, b.image_px) > 1e-3 for a, b in zip(before.fiducials, after.fiducials, strict=True))
@@ -131,8 +124,7 @@ def test_images_agree_with_what_a_score_says_of_them():
 
 
 def test_a_bead_outside_the_image_is_said_to_be_where_a_score_refuses():
-    design = copy.deepcopy(DEMO)
-    design["fiducials"]["points"][2]["position_mm"] = [-26, 29, -120]
+    design = replaced(DEMO, ("fiducials", "points", 2, "position_mm"), [-26, 29, -120])
     with pytest.raises(IllPosedError, match="F3 is imaged at"):
         score(load_design(design))
     found = lay_out(load_design(design), scene=True)
@@ -142,9 +134,8 @@ def test_a_bead_outside_the_image_is_said_to_be_where_a_score_refuses():
 
 
 @pytest.mark.long
-def test_over_http_it_is_the_same():
-    with client_with() as client:
-        answer = client.post("/v1/layouts", json={"design": DEMO, "scene": True})
+def test_over_http_it_is_the_same(client: httpx.Client) -> None:
+    answer = client.post("/v1/layouts", json={"design": DEMO, "scene": True})
     assert answer.status_code == 200
     assert answer.content == to_json(lay_out(load_design(DEMO), scene=True))
     assert answer.json()["scene"]["items"]
@@ -153,6 +144,6 @@ def test_over_http_it_is_the_same():
 @pytest.mark.parametrize("name", ["demo.yaml", "gallery/third_view.yaml", "pedicle_screw.yaml", "mean_and_tail.yaml"])
 def test_the_errors_in_space_are_those_of_the_score(name):
     """To the last digit, though the layout leaves out most of what a score computes."""
-    design = load_design(ROOT / "examples" / name)
+    design = load_design(EXAMPLES / name)
     whole = scene_data(scene_of(design, score(design), design.name))
     assert lay_out(design, scene=True).scene == whole

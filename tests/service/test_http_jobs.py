@@ -34,10 +34,7 @@ TOO_MANY = {"design": small_design(), "trials": 1_000_000_000}  # of which 0.8 G
 ENDLESS = {"design": small_design(), "trials": 400_000_000}  # minutes of computing
 QUICK: dict[str, Any] = {"design": small_design(), "trials": 3000, "seed": 5}
 UNKNOWN = "01k4z8t5r2w7x3y9v6n1m0q8pc"
-
-
 HOST = Settings(max_trials=1_000_000_000, max_wait_seconds=600.0, worker_processes=1, lease_seconds=1.0)
-
 CLIENT = {"settings": HOST, "worker": True}
 
 

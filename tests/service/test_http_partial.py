@@ -50,8 +50,7 @@ def score(client: httpx.Client, **body: Any) -> httpx.Response:
 
 def sha256_of(response: httpx.Response) -> str:
     assert response.status_code == 200, response.text
-    name: str = response.json()["provenance"]["design_sha256"]
-    return name
+    return response.json()["provenance"]["design_sha256"]
 
 
 @pytest.mark.long
@@ -83,10 +82,7 @@ def test_a_patch_may_write_its_letters_as_escapes(client: httpx.Client, escaped:
     assert sha256_of(patched) == sha256_of(score(client, design=small_design(name="Träger")))
 
 
-@pytest.mark.parametrize(
-    ("target", "patch", "merged"),
-    read_cases("http", "patches"),
-)  # fmt: skip
+@pytest.mark.parametrize(("target", "patch", "merged"), read_cases("http", "patches"))
 def test_patches_are_those_of_rfc_7396(target: Any, patch: Any, merged: Any) -> None:
     """published: RFC 7396, appendix A, every row."""
     before = json.dumps(target)

@@ -34,24 +34,16 @@ from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 JSON = {"Content-Type": "application/json"}
-
 YAML = {"Content-Type": "application/yaml"}
-
 AXES = [{"pointer": "/views/0/target_noise_px", "values": [0.1, 0.2]}]
-
 OPTIONS: dict[str, dict[str, Any]] = {"/v1/sweeps": {"axes": AXES}}  # without which a request is not complete
-
 NO_DESIGNS: tuple[Any, ...] = (None, [], "x", 3, True)
-
 POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisations", "/v1/sweeps", "/v1/reports")
 
 
 def changed(path: str, value: Any) -> dict[str, Any]:
     """The small design with one value replaced."""
-    changed_one: dict[str, Any] = replaced(
-        small_design(), [int(step) if step.isdigit() else step for step in path.split("/")], value
-    )
-    return changed_one
+    return replaced(small_design(), [int(step) if step.isdigit() else step for step in path.split("/")], value)
 
 
 def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:
@@ -202,7 +194,7 @@ def test_lists_and_texts_of_a_wrong_length_are_told_in_our_words(
     document = check_problem(client.post(path, json={"design": small_design(), **options}), 422, "invalid-request")
     (entry,) = document["errors"]
     assert entry["pointer"] == pointer
-    assert f"{rule}" in entry["detail"].partition("; got ")[0]
+    assert rule in entry["detail"].partition("; got ")[0]
     assert arrived in entry["detail"].partition("; got ")[2]
     example = json.loads(entry["hint"].removeprefix("for example: "))
     assert list(example) == [pointer.rpartition("/")[2]]
@@ -350,14 +342,10 @@ def check_limit(response: Any, status: int, limit: str, arrived: str, setting: s
 
 
 def test_bodies_over_the_limit_are_413(bounded: httpx.Client) -> None:
-    body = b" " * 20_001
-    check_limit(
-        bounded.post("/v1/scores", content=body, headers=JSON), 413, "20000", "20001", "TAILSTACK_MAX_BODY_BYTES"
-    )
-    chunks = (b" " * 5000 for _ in range(9))
-    check_limit(
-        bounded.post("/v1/scores", content=chunks, headers=JSON), 413, "20000", "45000", "TAILSTACK_MAX_BODY_BYTES"
-    )
+    bodies: dict[str, Any] = {"20001": b" " * 20_001, "45000": (b" " * 5000 for _ in range(9))}
+    for arrived, body in bodies.items():
+        response = bounded.post("/v1/scores", content=body, headers=JSON)
+        check_limit(response, 413, "20000", arrived, "TAILSTACK_MAX_BODY_BYTES")
 
 
 def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
@@ -372,7 +360,6 @@ def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
 
 
 REGION = {"box": {"centre_mm": [0, 0, 60], "size_mm": [9, 9, 9], "points_per_axis": 2}}
-
 VIEWS = small_design()["views"]
 
 

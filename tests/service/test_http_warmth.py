@@ -120,7 +120,7 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     told(tmp_path, 0.0, story)
 
 
-async def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_path: Path) -> None:
+async def test_everything_is_loaded_once_and_what_was_forked_before_makes_room() -> None:
     """What needs no kernels is computed meanwhile; who is killed is followed by a process that has all of them."""
     places = ComputePool(2, 8, 60.0, threading.Event(), warm=True)
     places.begin()

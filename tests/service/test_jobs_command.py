@@ -27,8 +27,6 @@ from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
 
 QUICK = {"design": small_design(), "trials": 3000}
-
-
 CLIENT = {"settings": Settings(worker_processes=1, max_trials=1_000_000_000), "worker": True}
 
 
@@ -104,8 +102,7 @@ def test_unknown_jobs_and_silent_services(client: httpx.Client, capsys: pytest.C
         ):
             assert call(client, action, name) == 2
             assert words in capsys.readouterr().err
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
+    with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     assert main(["jobs", "list", "--url", f"http://127.0.0.1:{port}"]) == 3
     assert "tailstack serve" in capsys.readouterr().err
@@ -120,11 +117,11 @@ def test_hints_are_for_who_types_commands(
 ) -> None:
     done = posted(client, "/v1/verifications", QUICK)
     assert call(client, "follow", done) == 0
+    monkeypatch.setenv("TAILSTACK_COMMAND", "./run tailstack")
     for arguments, hint in (
         (("cancel", done), f"hint: ./run tailstack jobs show {done}"),
         (("show", done[::-1]), "hint: ./run tailstack jobs list shows"),
     ):
-        monkeypatch.setenv("TAILSTACK_COMMAND", "./run tailstack")
         call(client, *arguments)
         err = capsys.readouterr().err
         assert hint in err
@@ -152,9 +149,8 @@ STREAM = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: clo
 
 def test_a_stream_that_breaks_is_taken_up_with_the_last_id() -> None:
     first = STREAM + b'id: 1\nevent: state\ndata: {"state": "queued"}\n\nid: 2\nevent: progress\ndata: {"cut'
-    refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
     rest = STREAM + b': still here\n\nid: 2\nevent: state\ndata: {"state":\ndata: "failed"}\n\n'
-    with answering(first, refused, rest) as (url, heard):
+    with answering(first, http_answer(503, b"busy"), rest) as (url, heard):
         events = list(RemoteService(url, key="tsk_secret").events("x"))
     assert events == [
         ServerSentEvent("1", "state", {"state": "queued"}),
@@ -225,9 +221,7 @@ def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys
     make_certificates(tmp_path)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(tmp_path / "certificate.pem", tmp_path / "key.pem")
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        listening.listen()
+    with socket.create_server(("127.0.0.1", 0)) as listening:
 
         def answer() -> None:
             with suppress(OSError), context.wrap_socket(listening.accept()[0], server_side=True):
@@ -241,11 +235,8 @@ def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys
 
 @pytest.mark.long
 def test_a_silent_service_is_not_waited_for() -> None:
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        listening.listen()
-        with pytest.raises(RemoteError, match="timed out"):
-            RemoteService(f"http://127.0.0.1:{listening.getsockname()[1]}", key="").ask("GET", "/version", seconds=0.3)
+    with socket.create_server(("127.0.0.1", 0)) as listening, pytest.raises(RemoteError, match="timed out"):
+        RemoteService(f"http://127.0.0.1:{listening.getsockname()[1]}", key="").ask("GET", "/version", seconds=0.3)
 
 
 @pytest.mark.parametrize("url", ["http://h:99999", "http://h:x", "http://[::1", "http://user:hush@h", "ftp://x",
@@ -259,10 +250,9 @@ def test_addresses_that_are_none_are_bad_usage(url: str, refused: Any) -> None:
 def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
     """A job that waits for long says nothing; the patience counts from the moment when nobody answers."""
     quiet = STREAM + b": still here\n\n"
-    refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
     rest = STREAM + b'id: 1\nevent: state\ndata: {"state": "failed"}\n\n'
     clock = TurnedClock(jumping=True)
-    with answering(quiet, refused, rest) as (url, _):
+    with answering(quiet, http_answer(503, b"busy"), rest) as (url, _):
         events = list(RemoteService(url, key="", clock=clock).events("x", patience=0.4))  # the first pause is longer
     assert [event.id for event in events] == ["1"]
     assert clock.waits == [0.5, 1.0]
@@ -272,7 +262,6 @@ def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
 
 
 UNUSED = {"name": "seat", "tolerances": ["structure_conector.r?"], "min_half_width_deg": 0.05}
-
 POLICY = {**STRICT, "rules": {**STRICT["rules"], "fiducial-spacing": {"min_mm": 80.0},  # type: ignore[dict-item]
                               "process-capability": {"processes": [UNUSED]}},
           "verification": {"max_trials": 20000}}  # fmt: skip

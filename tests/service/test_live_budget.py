@@ -163,10 +163,8 @@ def test_a_spreadsheet_program_computes_what_is_computed_here(tmp_path: Path) ->
 
 
 def test_without_a_limit_the_sheet_tells_p95_and_no_slack() -> None:
-    design = small_design()
-    for section in ("requirements", "optimise"):
-        design.pop(section, None)
-    report = compute_report(load_design(design), ReportContents(parts=("score",)))
+    design = load_design(small_design(requirements=None, optimise=None))
+    report = compute_report(design, ReportContents(parts=("score",)))
     sheet = Sheet(content_of(report))
     assert sheet.number("Value", sheet.last) == pytest.approx(report.score.targets[0].p95_mm, rel=1e-12)
     assert all(sheet.at("Slack", row) is None for row in sheet.entries)

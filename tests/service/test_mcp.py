@@ -38,8 +38,7 @@ def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(se
     async def record_of(client: Client, tool: str, arguments: dict[str, Any]) -> dict[str, Any]:
         result = await client.call_tool(tool, arguments, progress_callback=hear)
         assert not result.is_error, result.content
-        record: dict[str, Any] = result.structured_content
-        return record
+        return result.structured_content
 
     async def meet(url: str) -> None:
         server = StdioServerParameters(command=sys.executable, args=[str(EXAMPLE), url], env=dict(os.environ))

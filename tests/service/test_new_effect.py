@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import json
 import os
 import shutil
@@ -19,6 +20,7 @@ from copied_sources import commands_on, copy_sources, meet_matrix, path_of, tail
 from service_scenes import ROOT
 
 from family import run_process, run_python
+from plain_data import DEMO
 from waiting import LIMIT_SECONDS
 
 SAG = {"half_width_mm": 0.6, "distribution": "uniform"}
@@ -48,24 +50,16 @@ def write_effect(root: Path, name: str) -> subprocess.CompletedProcess[str]:
     return run_python(str(root / "run"), "new", "effect", name)
 
 
-def changed_files(source: Path) -> set[str]:
-    """What differs from the sources, below ``solver``."""
-    every = {path.relative_to(source).as_posix(): path.read_bytes() for path in source.rglob("*.py")}
-    solver = ROOT / "solver"
-    return {
-        name for name, text in every.items() if not (solver / name).is_file() or (solver / name).read_bytes() != text
-    }
-
-
 def test_one_file_and_one_line_are_written_that_read_like_ours(source: Path) -> None:
-    files = {"tailstack/effects/bending.py", "tailstack/effects/__init__.py"}
-    assert changed_files(source) == files
+    every = [path.relative_to(source).as_posix() for path in source.rglob("*.py")]
+    _, changed, added = filecmp.cmpfiles(source, ROOT / "solver", every, shallow=False)
+    assert (changed, added) == (["tailstack/effects/__init__.py"], ["tailstack/effects/bending.py"])
     table = (source / "tailstack" / "effects" / "__init__.py").read_text(encoding="utf-8")
     ours = (ROOT / "solver" / "tailstack" / "effects" / "__init__.py").read_text(encoding="utf-8")
     assert [line for line in table.splitlines() if line not in ours.splitlines()][1:] == ["    bending.KIND,"]
     for words in (("check",), ("format", "--check")):
         ruff = [sys.executable, "-m", "ruff", *words, "--config", str(ROOT / "pyproject.toml"), "--no-cache"]
-        done = run_process(*ruff, *files, cwd=source)
+        done = run_process(*ruff, *changed, *added, cwd=source)
         assert done.returncode == 0, done.stdout
 
 
@@ -87,7 +81,10 @@ places = [place for _, place in PLACES if "bending" in place]
 print(json.dumps([[each for each in drawn if each], "bending" in names, "bending" in DECLARED, len(places)]))
 """
     path = os.pathsep.join([variables["PYTHONPATH"], str(ROOT / "tests")])
-    drawn, in_scene, in_study, places = json.loads(run({**variables, "PYTHONPATH": path}, tmp_path, "-c", program))
+    told = {**variables, "PYTHONPATH": path}
+    done = run_python("-c", program, env=told, timeout=3 * LIMIT_SECONDS, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    drawn, in_scene, in_study, places = json.loads(done.stdout)
     assert drawn
     assert all(0.05 <= each["half_width_mm"] <= 1 and each["distribution"] != "bounded" for each in drawn)
     assert in_scene
@@ -102,16 +99,9 @@ def variables(source: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 
 def designed(folder: Path, **sag: Any) -> Path:
     """The demo with a structure that bends."""
-    data = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
     file = folder / "bent.yaml"
-    file.write_text(yaml.safe_dump({**data, "bending": {**SAG, **sag}}), encoding="utf-8")
+    file.write_text(yaml.safe_dump({**DEMO, "bending": {**SAG, **sag}}), encoding="utf-8")
     return file
-
-
-def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
-    done = run_python(*arguments, env=variables, timeout=3 * LIMIT_SECONDS, cwd=folder)
-    assert done.returncode in codes, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

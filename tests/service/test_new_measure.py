@@ -44,7 +44,6 @@ MEASURE = Measure(
     frame="tcp", sites=sites, unit="deg",
 )
 '''
-WORDS = "the angle of the axis"
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +64,12 @@ def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
         yield process
 
 
-def designed(folder: Path, optimised: str | list[str] = "tip-accuracy", **limit: Any) -> Path:
+def designed(folder: Path, **limit: Any) -> Path:
     """The demo with a second target 30 mm behind the tip, and a limit on the angle between the two."""
     data = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
     x, y, z = data["targets"][0]["position_mm"]
     data["targets"].append({"name": "entry", "position_mm": [x, y, z - 30]})
     data["requirements"].append({"name": "straight", "error": "axis_angle", **(limit or {"limit_deg": 0.6})})
-    data["optimise"]["requirement"] = optimised
     file = folder / "guide.yaml"
     file.write_text(yaml.safe_dump(data), encoding="utf-8")
     return file

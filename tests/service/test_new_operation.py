@@ -90,17 +90,12 @@ OPERATION = Operation(
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The service's sources with one module more, and one line more in the registry."""
+def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a copy of the service with one module more, and one line more in the registry."""
     source = copy_sources(tmp_path_factory.mktemp("tailstack"), "service/tailstack_service")
     operations, line = source / "tailstack_service" / "operations", '    "conversion": "convert",\n'
     (operations / "spacing.py").write_text(TOY, encoding="utf-8")
     edit(operations / "registry.py", (line, line + '    "spacing": "spacing",\n'))
-    return source
-
-
-@pytest.fixture(scope="module")
-def variables(source: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
 
 

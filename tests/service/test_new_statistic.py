@@ -7,12 +7,11 @@ import os
 from pathlib import Path
 
 import pytest
-import yaml
 from copied_sources import commands_on, copy_sources, edit, path_of, refusal, tailstack
 from gate_scenes import judge_files, of_rule, plain_record, waivers, write_document
-from service_scenes import ROOT
 
-EXAMPLE = ROOT / "examples" / "mean_and_tail.yaml"
+from plain_data import EVERY
+
 ROW = """    Statistic(
         name="twice_mean", meaning="twice the mean", headline="twice the mean{of}",
         sentence="twice the mean of {error} is",
@@ -26,8 +25,8 @@ ROW = """    Statistic(
 
 
 def asked(*requirements: dict[str, object]) -> dict[str, object]:
-    data: dict[str, object] = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
-    return data | {"requirements": [{"name": f"r{k}", "limit_mm": 0.2} | each for k, each in enumerate(requirements)]}
+    stated = [{"name": f"r{k}", "limit_mm": 0.2} | each for k, each in enumerate(requirements)]
+    return EVERY["mean_and_tail"] | {"requirements": stated}
 
 
 @pytest.mark.long

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -48,7 +47,7 @@ def published(kind: type[Result]) -> Any:
 
 
 @pytest.fixture
-def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def pyplot() -> Iterator[Any]:
     """matplotlib without a screen, closed again."""
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
@@ -266,8 +265,7 @@ def run_cells(sources: Sequence[str], folder: Path) -> list[list[dict[str, Any]]
         "-c", RUN, f"{3 * LIMIT_SECONDS:.0f}", input=json.dumps(sources), cwd=folder, timeout=3 * LIMIT_SECONDS
     )
     assert done.returncode == 0, done.stderr[-3000:]
-    outputs: list[list[dict[str, Any]]] = json.loads(done.stdout)
-    return outputs
+    return json.loads(done.stdout)
 
 
 def run_example(folder: str, name: str, path: Path) -> list[list[dict[str, Any]]]:
@@ -339,7 +337,7 @@ def test_the_repr_of_every_published_record_is_a_few_lines(name: str) -> None:
 def test_completion_of_a_package_offers_what_is_public(package: str) -> None:
     """In an interpreter of its own: names that are loaded later are there, insides that were loaded are not."""
     code = f"import json, {package} as p, tailstack.scoring; print(json.dumps([dir(p), p.__all__]))"
-    offered, public = json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
+    offered, public = json.loads(run_python("-c", code, check=True).stdout)
     assert offered == sorted(public)
     if package == "tailstack":
         assert {"load_design", "score", "sweep", "optimise", "score_batch", "DesignFunction"} <= set(offered)

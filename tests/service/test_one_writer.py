@@ -21,8 +21,6 @@ from tailstack_service.settings import Settings
 NUMBERS = [1e-5, 1.5e-7, 1e16, 1e22, 5e-324, 0.1, -0.0, 100.0, 1e15]  # their texts differ between common writers
 PLAIN = "plain name"
 NAMES = ["NaN", "Infinity", "-Infinity of NaN", 'NaN":1e-05', "ein Näme ∞"]
-
-
 CLIENT = {"settings": Settings(worker_processes=1), "worker": True}
 
 
@@ -53,14 +51,13 @@ def test_a_name_does_not_decide_how_numbers_are_written(name: str) -> None:
 
 
 def test_numbers_are_written_as_python_writes_them_and_read_back() -> None:
+    result = score(load_design(small_design()))
     for number in NUMBERS:
-        result = score(load_design(small_design()))
         body = to_json(replace(result, provenance=replace(result.provenance, design_name=repr(number))))
         at = to_json(replace(result, targets=(replace(result.targets[0], mean_norm_mm=number), *result.targets[1:])))
         assert repr(number) in texts_of_numbers(at)
         assert read_record("score", at).targets[0].mean_norm_mm == number
         assert to_json(read_record("score", body)) == body
-    result = score(load_design(small_design()))
     body = to_json(replace(result, targets=(replace(result.targets[0], mean_norm_mm=3), *result.targets[1:])))
     assert b'"mean_norm_mm":3.0,' in body
     assert to_json(read_record("score", body)) == body

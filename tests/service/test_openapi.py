@@ -35,8 +35,6 @@ from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS
 
 OPERATIONS = [(path, method) for path, methods in DOCUMENT["paths"].items() for method in methods]
-
-
 # What a body that is not JSON cannot say
 QUERY = {
     ("/v1/sweeps", "application/yaml"): "?set=/views/0/fiducial_noise_px=0.1,0.2",
@@ -46,8 +44,6 @@ QUERY = {
 }  # fmt: skip
 OF_HTTP = {"content-length", "content-type", "transfer-encoding", "connection", "date"}
 QUICK = {"design": small_design(), "trials": 1000}
-
-
 WAIT_SECONDS = min(600, round(LIMIT_SECONDS))  # for a job; 600 are the most that a service may be told to wait
 
 

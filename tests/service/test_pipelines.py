@@ -38,7 +38,7 @@ from pipeline_scenes import (
 from service_scenes import ROOT
 
 from family import run_process
-from plain_data import read_cases
+from plain_data import places_of, read_cases, value_at
 from tailstack.design.fiducial_files import ENDINGS
 from tailstack.design.reading import DOCUMENTS
 from tailstack.version import __version__
@@ -60,8 +60,7 @@ HOOK_NEEDS = {"id", "name", "entry", "language"}
 
 
 def schema(name: str) -> dict[str, Any]:
-    read: dict[str, Any] = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
-    return read
+    return json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +103,7 @@ def test_the_action_is_metadata_as_published_and_no_input_becomes_part_of_a_scri
 
 
 @pytest.mark.long
-def test_the_action_installs_what_it_was_checked_out_with(installed: Ran, room: Path) -> None:
+def test_the_action_installs_what_it_was_checked_out_with(installed: Ran) -> None:
     assert installed.code == 0, installed.said
     bin_ = Path(installed.outputs["bin"])
     code = "import importlib.metadata as m; print(m.version('tailstack'), m.distribution('tailstack').locate_file(''))"
@@ -417,9 +416,7 @@ def blocks() -> list[tuple[str, Any]]:
 
 
 def mappings(node: Any) -> list[dict[str, Any]]:
-    if isinstance(node, dict):
-        return [node, *(inner for value in node.values() for inner in mappings(value))]
-    return [inner for value in node for inner in mappings(value)] if isinstance(node, list) else []
+    return [found for path in places_of(node) if isinstance(found := value_at(node, path), dict)]
 
 
 def test_what_ships_is_used_with_inputs_that_it_has() -> None:

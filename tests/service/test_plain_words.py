@@ -5,10 +5,13 @@ Run as a user would, in process, over every example and every verb that prints r
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import re
+import struct
 import subprocess
+import termios
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -132,7 +135,7 @@ def strings_of(document: Document) -> Iterator[str]:
 
 @pytest.mark.long("score,verification,optimisation")
 @pytest.mark.parametrize("parts", ["score", "score,verification,optimisation"])
-def test_what_a_report_says_first_is_plain(tmp_path: Path, capsys: pytest.CaptureFixture[str], parts: str) -> None:
+def test_what_a_report_says_first_is_plain(tmp_path: Path, parts: str) -> None:
     arguments = ["report", DEMO, "--format", "json", "-o", str(tmp_path / "out"), "--parts", parts, "--starts", "1"]
     assert main([*arguments, "--trials", "20000"] if "," in parts else arguments[:-2]) in (0, 1, 4)
     (file,) = tmp_path.rglob("*.json")
@@ -145,14 +148,9 @@ def test_what_a_report_says_first_is_plain(tmp_path: Path, capsys: pytest.Captur
 
 def run_in_terminal(width: int, *arguments: str) -> str:
     """What a command writes on a terminal of so many columns."""
-    import fcntl
-    import struct
-    import termios
-
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
-    environment = {key: value for key, value in os.environ.items() if key != "COLUMNS"}
-    told = {**environment, "NO_COLOR": "1"}
+    told = {key: value for key, value in os.environ.items() if key != "COLUMNS"} | {"NO_COLOR": "1"}
     command = started(*TAILSTACK, *arguments, stdout=slave, stderr=subprocess.DEVNULL, cwd=ROOT, env=told)
     said = b""
     with os.fdopen(master, "rb", buffering=0) as terminal, command as process:

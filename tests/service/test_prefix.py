@@ -28,10 +28,8 @@ from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 MOUNTED = "/tools/tailstack"
-
 BODY = {"design": small_design(), "trials": 1000}
-
-DOCS = Path(__file__).parents[2] / "service" / "tailstack_service" / "docs_page"
+DOCS = ROOT / "service" / "tailstack_service" / "docs_page"
 
 
 @pytest.mark.long("cut off")
@@ -72,10 +70,9 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
             )
 
 
-def test_without_it_nothing_changes_and_what_cannot_be_is_refused() -> None:
-    with client_with() as client:
-        assert client.get("/v1/schemas").json()["schemas"][0]["url"] == "/v1/schemas/design"
-        assert client.get("/openapi.json").json()["servers"][0]["url"] == "http://127.0.0.1:8321"
+def test_without_it_nothing_changes_and_what_cannot_be_is_refused(client: httpx.Client) -> None:
+    assert client.get("/v1/schemas").json()["schemas"][0]["url"] == "/v1/schemas/design"
+    assert client.get("/openapi.json").json()["servers"][0]["url"] == "http://127.0.0.1:8321"
     for root in ("tailstack", "https://host/tailstack", "/a b", "//host"):
         with pytest.raises(SettingsError, match="TAILSTACK_ROOT_PATH must be a path such as /tailstack"):
             read_root_path(Settings(root_path=root))
@@ -114,30 +111,24 @@ def test_the_page_of_the_api_names_nothing_from_the_root() -> None:
     assert re.findall(r"[\"'`](/(?:openapi|docs|v1)[^\"'`]*)", script) == []
 
 
-def test_health_answers_head() -> None:
-    with client_with() as client:
-        for path in ("/health/live", "/health/ready"):
-            got, looked = client.get(path), client.head(path)
-            assert looked.status_code == got.status_code
-            assert looked.content == b""
-            assert looked.headers["content-type"] == got.headers["content-type"]
-        refused = client.head("/v1/presets")
-        assert (refused.status_code, refused.headers["allow"]) == (405, "GET")
+def test_health_answers_head(client: httpx.Client) -> None:
+    for path in ("/health/live", "/health/ready"):
+        got, looked = client.get(path), client.head(path)
+        assert looked.status_code == got.status_code
+        assert looked.content == b""
+        assert looked.headers["content-type"] == got.headers["content-type"]
+    refused = client.head("/v1/presets")
+    assert (refused.status_code, refused.headers["allow"]) == (405, "GET")
 
 
 # --- slow clients, real ones, before docker/nginx.conf: they end there --------------------------------
 
 
 NGINX = shutil.which("nginx") or "/usr/sbin/nginx"
-
 Places = tuple["Proxy", httpx.Client]  # the proxy, and a client of the service behind it
-
 SLOW_HEAD = "client timed out .* while (waiting for|reading client) request"
-
 SLOW_BODY = '"POST /v1/scores HTTP/1.1" 408 '
-
 SLOW_READER = "client timed out .* while sending"
-
 HEAD = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 
 
@@ -255,18 +246,16 @@ def test_an_answer_that_nobody_takes_leaves_the_service_at_once(places: Places) 
         until(lambda: connections_to(service) <= 3)
         until(lambda: proxy.ended(SLOW_READER), says=proxy.log)
         received = 0
-        try:
+        with suppress(OSError):
             while more := connection.recv(65536):
                 received += len(more)
-        except OSError:
-            pass
     assert received < 100 * 150_000, "send_timeout ends who takes nothing"
 
 
 def test_event_streams_come_as_they_happen_and_refusals_as_they_are(places: Places) -> None:
     proxy, _ = places
     with client_of(f"http://127.0.0.1:{proxy.port}") as client:
-        job = client.post("/v1/verifications", json={"design": small_design(), "trials": 1000}).json()
+        job = client.post("/v1/verifications", json=BODY).json()
         with client.stream("GET", job["links"]["events"]) as stream:
             lines = stream.iter_lines()
             assert next(lines) == "retry: 1000"

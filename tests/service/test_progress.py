@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 import pty
 import re
+import struct
+import termios
 
 import pytest
 
@@ -136,10 +139,6 @@ def test_the_bar_is_as_wide_as_the_terminal_and_what_stands_beside_it_is_whole()
 
 
 def test_the_width_is_that_of_the_terminal_just_now() -> None:
-    import fcntl
-    import struct
-    import termios
-
     master, slave = pty.openpty()
     with os.fdopen(master, "rb", buffering=0), os.fdopen(slave, "w") as stream:
         progress = Progress("verify", stream)
@@ -150,10 +149,6 @@ def test_the_width_is_that_of_the_terminal_just_now() -> None:
 
 def test_what_is_said_meanwhile_does_not_stand_on_the_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal of 80 columns: the line of progress is taken off it before another is written."""
-    import fcntl
-    import struct
-    import termios
-
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     with os.fdopen(master, "rb", buffering=0) as screen, os.fdopen(slave, "w") as stream:

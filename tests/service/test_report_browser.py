@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browsing import look, page_of
-from service_scenes import EXAMPLES, client_with, limited
+from service_scenes import client_with, limited
 from test_report_rendering import results
 
+from plain_data import DEMO, replaced
 from tailstack import load_design, score
 from tailstack.geometry.arrays import Array
 from tailstack_service import report
@@ -57,10 +58,8 @@ def test_pages_open_from_a_file_shut_nobody_out_and_fit_their_screen(
         assert found["messages"] == [], name
         assert len(found["requests"]) == 1, name
         assert found["failed"] == [], name
-    # oracle: axe-core, WCAG 2.0 to 2.2, A and AA, and that no two regions have one name.
-    for name, found in seen.items():
+        # oracle: axe-core, WCAG 2.0 to 2.2, A and AA, and that no two regions have one name.
         assert found["violations"] == [], name
-    for name, found in seen.items():
         assert found["width"] <= name[2], name
 
 
@@ -76,7 +75,7 @@ def test_the_layout_is_drawn_and_turns_with_a_key(seen: dict[tuple[str, str, int
         assert len({view["hash"] for view in views}) == 3, name  # as it was, turned, nearer
 
 
-def test_on_a_phone_the_limit_and_every_requirement_are_in_sight(browser: None, tmp_path: Path) -> None:
+def test_on_a_phone_the_limit_and_every_requirement_are_in_sight(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_bytes(render("report", results()["report"], "html"))
     gauge = """[...document.querySelectorAll('#figure-headline text')].filter((text) => /limit/.test(text.textContent)
@@ -104,13 +103,11 @@ BROKEN = """[...document.querySelectorAll('tbody th')].flatMap((cell) => [...cel
     }).map((word) => word[0]))"""
 
 
-def test_the_value_does_not_lie_across_the_limit_and_the_layout_is_named_above_it(
-    browser: None, tmp_path: Path
-) -> None:
+def test_the_value_does_not_lie_across_the_limit_and_the_layout_is_named_above_it(tmp_path: Path) -> None:
     """The demo, whose P95 is a seventh above its limit: beside its mark there is little room on a phone."""
     path = tmp_path / "report.html"
-    demo = load_design(EXAMPLES / "demo.yaml")
-    path.write_bytes(render("report", to_json(compute_report(demo, ReportContents(parts=("score",)))), "html"))
+    made = compute_report(load_design(DEMO), ReportContents(parts=("score",)))
+    path.write_bytes(render("report", to_json(made), "html"))
     boxes = """[...document.querySelectorAll('#figure-headline text, #figure-headline path[stroke="#b3261e"]')]
         .map((part) => [part.textContent, part.getBoundingClientRect()]).filter(([, box]) => box.height > 0)
         .map(([words, box]) => [words, box.left, box.top, box.right, box.bottom])"""
@@ -125,7 +122,7 @@ def test_the_value_does_not_lie_across_the_limit_and_the_layout_is_named_above_i
 
 
 @pytest.mark.long
-def test_without_scripts_and_on_paper_the_picture_stands_there(browser: None, tmp_path: Path) -> None:
+def test_without_scripts_and_on_paper_the_picture_stands_there(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     record = to_json(compute_report(load_design(limited(0.9)), ReportContents(parts=("score",))))
     path.write_bytes(render("report", record, "html"))
@@ -151,7 +148,7 @@ PRINTED_VIEWERS = (
 
 
 @pytest.mark.long
-def test_a_served_report_runs_its_viewer_and_nothing_else(browser: None) -> None:
+def test_a_served_report_runs_its_viewer_and_nothing_else() -> None:
     """The response's own policy: an origin of its own, one script by its hash, no request to anybody."""
     with client_with(worker=True) as client:
         asked = {"design": limited(0.9), "trials": 2000}
@@ -235,10 +232,7 @@ window.said = () => new Promise((done) => {
 
 
 def demo() -> tuple[LayoutScene, Array]:
-    data = load_design(EXAMPLES / "demo.yaml").source.data
-    data = {**data, "fiducials": {**data["fiducials"], "points": [*data["fiducials"]["points"]]}}
-    data["fiducials"]["points"][0] = {**data["fiducials"]["points"][0], "label": HOSTILE}
-    design = load_design(data)
+    design = load_design(replaced(DEMO, ("fiducials", "points", 0, "label"), HOSTILE))
     return scene_of(design, score(design), HOSTILE), np.array(design.fiducials.positions_mm)
 
 

@@ -9,17 +9,17 @@ from typing import Any
 
 import openpyxl
 import pytest
-import yaml
 from pypdf import PdfReader
-from service_scenes import EXAMPLES, ROOT, client_with
+from service_scenes import EXAMPLES, client_with
 
+from plain_data import DEMO, EVERY
 from tailstack import load_design
 from tailstack_service.audit import audit
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
 
-CAGE = ROOT / "examples" / "radiostereometry.yaml"
+CAGE = EXAMPLES / "radiostereometry.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -71,13 +71,13 @@ def test_what_has_no_radiostereometry_is_refused(refused: Any) -> None:
 
 def test_a_service_answers_with_it_too(body: bytes) -> None:
     """The same record as here, byte for byte; what has no bodies is refused where they are missing."""
-    cage, demo = (yaml.safe_load(path.read_text("utf-8")) for path in (CAGE, EXAMPLES / "demo.yaml"))
+    cage = EVERY["radiostereometry"]
     with client_with(worker=True) as client:
         sent = {"design": cage, "profile": "rsa", "trials": 2000, "seed": 3}
         answer = client.post("/v1/reports", json=sent, headers={"Prefer": "wait=60"})
         assert answer.status_code == 200, answer.text
         assert answer.content == body
-        for wrong, pointer in (({"design": demo}, "/design/bodies"), ({"design": cage, "profile": "rso"}, "/profile")):
+        for wrong, pointer in (({"design": DEMO}, "/design/bodies"), ({"design": cage, "profile": "rso"}, "/profile")):
             refusal = client.post("/v1/reports", json={"profile": "rsa", **wrong})
             assert refusal.status_code == 422
             assert refusal.json()["errors"][0]["pointer"] == pointer

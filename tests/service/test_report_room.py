@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from math import radians
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 import yaml
 from service_scenes import EXAMPLES, limited, small_design
 
+from plain_data import replaced
 from tailstack import load_design, score, verify
 from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.records import Allowance, Report
@@ -28,9 +28,7 @@ def of(report: Report, contributor: str, component: str) -> Allowance:
 
 
 def with_width(design: dict[str, Any], component: str, half_width_deg: float) -> dict[str, Any]:
-    changed = copy.deepcopy(design)
-    changed["interfaces"][SEAT]["tolerances"][component]["half_width_deg"] = half_width_deg
-    return changed
+    return replaced(design, ("interfaces", SEAT, "tolerances", component, "half_width_deg"), half_width_deg)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import importlib.metadata
 import io
 import json
@@ -17,8 +16,10 @@ from typing import Any
 import pytest
 from service_scenes import limited, small_design, write_json
 
+from plain_data import replaced, value_at
 from tailstack import TailstackError, load_design, optimise, score, verify
 from tailstack.sweeping import read_axes, sweep
+from tailstack_service import audit as audit_module
 from tailstack_service.audit import Audit, Effort, audit
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import FORMATS, document_of, render
@@ -92,8 +93,7 @@ def test_an_adaptive_check_of_a_service_is_drawn_again() -> None:
 
 @pytest.mark.long
 def test_a_comparison_is_verified_and_its_numbers_are_its_own() -> None:
-    second = copy.deepcopy(DESIGN)
-    second["views"][0]["fiducial_noise_px"] = 0.2
+    second = replaced(DESIGN, ("views", 0, "fiducial_noise_px"), 0.2)
     made = to_json(compute_comparison(load_design(DESIGN), load_design(second), ReportContents(trials=TRIALS)))
     assert audit(render("comparison", made, "html"), "x").verdict == "verified"
     forged = changed(made, lambda data: data["differences"][0].update(difference_mm=-0.5))
@@ -153,7 +153,6 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     made: str, change: dict[str, Any], words: str, enough: list[Any],
 ) -> None:  # fmt: skip
     """The refusal says what to type; typed, it is computed (which is not waited for here)."""
-    from tailstack_service import audit as audit_module
 
     def update(data: dict[str, Any], new: dict[str, Any]) -> None:
         for key, value in new.items():
@@ -241,10 +240,7 @@ CHANGED = (
 def test_changed_numbers_of_the_record_are_found_even_if_the_pages_were_made_from_it(body: bytes) -> None:
     def forge(data: Any) -> None:
         for path in CHANGED:
-            part = data
-            for step in path[:-1]:
-                part = part[step]
-            part[path[-1]] *= 1.001
+            value_at(data, path[:-1])[path[-1]] *= 1.001
 
     found = audit(render("report", changed(body, forge), "html"), "x")
     assert answers(found)["pages"] == "same"

@@ -13,7 +13,7 @@ from door_pages import run_page
 from table_scenes import read_rows, write_table
 
 from family import run_process
-from plain_data import read_cases
+from plain_data import problems_of, read_cases
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
@@ -100,9 +100,8 @@ def test_no_line_of_json_is_lost_behind_empty_ones_and_no_field_behind_another()
 )
 def test_a_line_that_is_not_json_is_refused_in_our_words(text: bytes, words: str) -> None:
     """Not in those of a parser ("Expecting ',' delimiter: line 1 column 8 (char 7)"), whose line is another one."""
-    with pytest.raises(RequestError) as refused:
-        list(read_table(io.BytesIO(b'{"a": 0}\n' + text + b"\n"), "ndjson").blocks)
-    [problem] = refused.value.problems
+    table = read_table(io.BytesIO(b'{"a": 0}\n' + text + b"\n"), "ndjson")
+    (problem,) = problems_of(list, table.blocks, error=RequestError)
     assert problem.detail.startswith(words)
     assert len(problem.detail) < 120
     assert "one object" in (problem.hint or "")
@@ -129,7 +128,7 @@ def test_a_damaged_file_is_read_or_refused(form: str, tmp_path: Path) -> None:
     assert refused
 
 
-def test_flags_of_a_table_mean_nothing_without_one(tmp_path: Path, refused: Any) -> None:
+def test_flags_of_a_table_mean_nothing_without_one(refused: Any) -> None:
     assert main(["score", DEMO, "--columns", "p95_mm"]) == 2
     assert main(["score", DEMO, "--batch", "table.csv", "--json"]) == 2
     assert "known: .csv" in refused("score", DEMO, "--batch", "table.doc")

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from plain_data import problems_of, read_cases
-from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
 
@@ -96,23 +95,19 @@ def test_a_value_that_cannot_be_is_refused_with_its_name(value: str, environment
 
 @pytest.mark.parametrize("command", read_cases("settings", "commands"), ids=" ".join)
 def test_commands_of_the_service_refuse_a_slip(
-    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: list[str], monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
     monkeypatch.setenv("TAILSTACK_DATABASE", NOWHERE)
     monkeypatch.setenv("TAILSTACK_MAX_TRIAL", "1000")
-    assert main(command) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "TAILSTACK_MAX_TRIAL, and there is no such setting" in err
-    assert "did you mean TAILSTACK_MAX_TRIALS? docs/settings.md lists them all" in err
+    said = refused(*command)
+    assert "TAILSTACK_MAX_TRIAL, and there is no such setting" in said
+    assert "did you mean TAILSTACK_MAX_TRIALS? docs/settings.md lists them all" in said
 
 
-def test_commands_that_need_no_service_are_not_disturbed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_that_need_no_service_are_not_disturbed(monkeypatch: pytest.MonkeyPatch, call: Any) -> None:
     monkeypatch.setenv("TAILSTACK_MAX_TRIAL", "1000")
-    assert main(["version"]) == 0
-    assert capsys.readouterr().err == ""
+    code, _, err = call("version")
+    assert (code, err) == (0, "")
 
 
 @pytest.mark.parametrize("command", [("db", "check"), ("keys", "list"), ("worker", "--check"), ("serve",)])

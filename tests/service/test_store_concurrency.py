@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import os
 import random
 import sqlite3
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -19,10 +17,10 @@ from typing import Any
 
 import pytest
 from postgres import Server
-from service_scenes import ROOT
-from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
+from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of, wrong
+from worker_scenes import prepared_database
 
-from family import die_with_parent, ended
+from family import started
 from plain_data import problems_of
 from tailstack_service import clock as clocks
 from tailstack_service.jobs.store import database, jobs, queue, results, upkeep, usage, workers
@@ -34,8 +32,6 @@ from tailstack_service.problems import StoreUnavailable
 from tailstack_service.processes.task import ADVANCE, UnitResult
 from waiting import LIMIT_SECONDS, until
 
-PATH = os.pathsep.join(str(ROOT / folder) for folder in ("solver", "service", "tests", "tests/service"))
-
 
 class TickingClock(clocks.Clock):
     """Its time goes on with each look at it, and so as far on a slow machine as on a quick one."""
@@ -45,11 +41,6 @@ class TickingClock(clocks.Clock):
 
     def time(self) -> float:
         return 1.8e9 + 0.002 * next(self._ticks)
-
-
-def check_sound(db: Database) -> None:
-    wrong = [check for check in upkeep.check_database(db) if not check.ok]
-    assert wrong == []
 
 
 def test_threads_that_claim_at_once_never_get_the_same_unit(store: Database) -> None:
@@ -108,24 +99,29 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
     with ThreadPoolExecutor(8) as pool:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total
-    check_sound(store)
+    assert wrong(store) == []
 
 
-def test_a_purge_leaves_a_result_that_a_job_is_just_coming_to(migrated_database: str, clock: Clock) -> None:
+@pytest.fixture
+def db(postgres_server: Server, migrated_database: str, clock: Clock) -> Iterator[Database]:
+    """The database of PostgreSQL that others have used as well; its server runs again afterwards."""
+    with closing(open_database(migrated_database, clock=clock)) as db:
+        yield db
+    if not postgres_server.running:
+        postgres_server.start()
+
+
+def test_a_purge_leaves_a_result_that_a_job_is_just_coming_to(db: Database, clock: Clock) -> None:
     """Two jobs, one answer: the first job is purged while the second is being recorded."""
-    db = open_database(migrated_database, clock=clock)
-    try:
+    with writing(db) as connection:
+        name = results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now)
+    with ThreadPoolExecutor(1) as pool:
         with writing(db) as connection:
-            name = results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now)
-        with ThreadPoolExecutor(1) as pool:
-            with writing(db) as connection:
-                assert results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now) == name
-                assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results == 0
-            assert kept_results(db, name) == 1
-            assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results >= 1
-        assert kept_results(db, name) == 0
-    finally:
-        db.close()
+            assert results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now) == name
+            assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results == 0
+        assert kept_results(db, name) == 1
+        assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results >= 1
+    assert kept_results(db, name) == 0
 
 
 def kept_results(db: Database, name: str) -> int:
@@ -139,13 +135,12 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
 ) -> None:
     """The one whose turn it is may wait for the file for ever: who waits for his turn is refused all the same."""
     monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
-    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
-    assert db.turn is not None
 
     def refused(_: int) -> bool:
         return "no other program may hold the file" in problems_of(submit, db, error=StoreUnavailable)[0].hint
 
-    try:
+    with closing(open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)) as db:
+        assert db.turn is not None
         with (
             closing(sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None)) as other,
             ThreadPoolExecutor(12) as pool,
@@ -158,56 +153,30 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
             other.execute("ROLLBACK")
             assert first.result(LIMIT_SECONDS).state == "queued"
         assert find(db, submit(db)).state == "queued"
-    finally:
-        db.close()
 
 
 def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
     with ThreadPoolExecutor(6) as pool:
         found = list(pool.map(lambda _: migrate_database(database_url), range(6)))
     assert Counter(found) == {(None, HEAD): 1, (HEAD, HEAD): 5}
-    db = open_database(database_url)
-    try:
-        check_sound(db)
-    finally:
-        db.close()
+    with closing(open_database(database_url)) as db:
+        assert wrong(db) == []
 
 
 @pytest.mark.long
 def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
     opens = "from tailstack_service.jobs.store.schema import *; open_database(sys.argv[1], migrate=True).close()"
-    command = [sys.executable, "-c", f"import sys; {opens}", url]
+    command = (sys.executable, "-c", f"import sys; {opens}", url)
     with ExitStack() as stack:
-        started = [
-            stack.enter_context(
-                ended(
-                    subprocess.Popen[bytes](command, env={**os.environ, "PYTHONPATH": PATH}, preexec_fn=die_with_parent)
-                )
-            )
-            for _ in range(4)
-        ]
-        assert [process.wait(LIMIT_SECONDS) for process in started] == [0] * 4
+        processes = [stack.enter_context(started(*command, stdout=None, stderr=None)) for _ in range(4)]
+        assert [process.wait(LIMIT_SECONDS) for process in processes] == [0] * 4
     path = tmp_path / "new" / "a.sqlite3"
     assert path.stat().st_mode & 0o777 == 0o600
     assert path.parent.stat().st_mode & 0o777 == 0o700
 
 
-@pytest.fixture
-def restartable(postgres_server: Server, migrated_database: str, clock: Clock) -> Iterator[Database]:
-    db = open_database(migrated_database, clock=clock)
-    try:
-        yield db
-    finally:
-        db.close()
-        if not postgres_server.running:
-            postgres_server.start()
-
-
-def test_a_server_that_restarts_is_unavailable_and_then_goes_on(
-    restartable: Database, postgres_server: Server, clock: Clock
-) -> None:
-    db = restartable
+def test_a_server_that_restarts_is_unavailable_and_then_goes_on(db: Database, postgres_server: Server) -> None:
     tenant = "restart"
     job = submit(db, tenant=tenant)
     held = next(one for one in claim(db, limit=1000) if one.job_id == job.id)
@@ -232,8 +201,7 @@ def test_a_server_that_restarts_is_unavailable_and_then_goes_on(
     assert [one.index for one in claim(db, limit=1000) if one.job_id == job.id] == [1, 2]
 
 
-def test_a_connection_cut_in_the_middle_undoes_everything(restartable: Database) -> None:
-    db = restartable
+def test_a_connection_cut_in_the_middle_undoes_everything(db: Database) -> None:
     job = submit(db, tenant="cut")
     held = next(one for one in claim(db, limit=1000) if one.job_id == job.id)
     before = find(db, job)
@@ -257,9 +225,7 @@ def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
     postgres_url: str, clock: Clock, table: str
 ) -> None:
     """So they cannot be part of a deadlock, whatever the order in which the others take rows."""
-    migrate_database(postgres_url)
-    db = open_database(postgres_url, clock=clock)
-    try:
+    with prepared_database(postgres_url, clock) as db:
         split(db, 1)
         held = claim_one(db)
         submit(db)
@@ -269,22 +235,15 @@ def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
             assert pool.submit(queue.renew, db, "w1", [held], LEASE).result(LIMIT_SECONDS) == []  # not lost, only busy
         assert len(claim(db, "w2", 9)) == 1
         assert record(db, held, result=b"x")
-    finally:
-        db.close()
 
 
-def test_a_lock_held_too_long_is_unavailable(restartable: Database) -> None:
-    db = restartable
+def test_a_lock_held_too_long_is_unavailable(db: Database) -> None:
     job = submit(db, tenant="locked")
     with writing(db) as connection:
         connection.exec_driver_sql("SELECT 1 FROM jobs WHERE tenant = 'locked' FOR UPDATE")
         short = url_of(db) + "?options=-c%20lock_timeout%3D100ms"
-        impatient = open_database(short)
-        try:
-            with pytest.raises(StoreUnavailable, match="lock timeout"):
-                jobs.cancel_job(impatient, "locked", job.id)
-        finally:
-            impatient.close()
+        with closing(open_database(short)) as impatient, pytest.raises(StoreUnavailable, match="lock timeout"):
+            jobs.cancel_job(impatient, "locked", job.id)
     assert any(one.job_id == job.id for one in claim(db, limit=1000))
 
 
@@ -502,7 +461,7 @@ def test_random_interleavings_agree_with_the_model(
         if number >= steps and all(play.counted.values()):
             break
     assert all(play.counted.values()), play.counted  # each thing that can happen did
-    assert all(check.ok for check in upkeep.check_database(store)), upkeep.check_database(store)
+    assert wrong(store) == []
     clock.advance(10 * LEASE)
     while held := claim(store, "last", 3, solver_version="3"):
         for one in held:
@@ -518,4 +477,4 @@ def test_random_interleavings_agree_with_the_model(
         kept = results.read_result(store, "acme", ended.result_sha256)
         assert kept is not None
         assert kept.body == undisturbed(request)
-    assert all(check.ok for check in upkeep.check_database(store)), upkeep.check_database(store)
+    assert wrong(store) == []

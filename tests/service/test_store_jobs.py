@@ -10,11 +10,11 @@ from threading import Barrier
 from typing import Any
 
 import pytest
-import sqlalchemy as sa
+import store_scenes
 from store_scenes import LEASE, PROBLEM, Clock, claim, claim_one, find, finish, record, specs, split, split_each, submit
 
-from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
-from tailstack_service.jobs.store.database import Database, reading
+from tailstack_service.jobs.store import events, jobs, queue, results, usage, workers
+from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.problems import QueueFull
 from tailstack_service.processes.task import ADVANCE, Outcome, UnitResult
@@ -29,10 +29,8 @@ def told(db: Database, job: Job, after: int = 0) -> list[tuple[int, str, dict[st
 
 def test_a_new_job_is_queued_and_holds_its_request(store: Database, clock: Clock) -> None:
     request = b'{"design":{"name":"a"},"seed":1}'
-    job, new = jobs.submit_job(
-        store, tenant="acme", kind="sweep", request=request, design_name="a\0b\ud800", solver_version="1.2.3",
-        request_id="r-7", max_queued=10,
-    )  # fmt: skip
+    named = {"kind": "sweep", "design_name": "a\0b\ud800", "solver_version": "1.2.3", "request_id": "r-7"}
+    job, new = store_scenes.submit_or_find(store, request, **named)
     assert new
     assert (job.state, job.kind, job.tenant, job.generation, job.last_event) == ("queued", "sweep", "acme", 1, 1)
     assert (job.units_done, job.units_expected, job.cpu_seconds, job.note) == (0, 1, 0.0, "")
@@ -83,10 +81,7 @@ def test_equal_answers_are_kept_once_and_belong_to_whoever_has_a_job_with_them(s
 
 def test_the_same_key_and_request_is_the_same_job(store: Database) -> None:
     first = submit(store, idempotency_key="k", request_id="one")
-    again, new = jobs.submit_job(
-        store, tenant="acme", kind="verification", request=b'{"design":{}}', design_name="carrier",
-        solver_version="1.0", request_id="two", idempotency_key="k", max_queued=1,
-    )  # fmt: skip
+    again, new = store_scenes.submit_or_find(store, request_id="two", idempotency_key="k", max_queued=1)
     assert (again, new) == (first, False)  # although the queue is full
     assert submit(store, tenant="other", idempotency_key="k").id != first.id
     assert submit(store, idempotency_key=None).id != submit(store, idempotency_key=None).id
@@ -100,10 +95,7 @@ def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> N
 
     def post(number: int) -> tuple[str, bool]:
         barrier.wait(LIMIT_SECONDS)
-        job, new = jobs.submit_job(
-            store, tenant="acme", kind="sweep", request=b"{}", design_name="d", solver_version="1.0",
-            request_id=str(number), idempotency_key="same", max_queued=100,
-        )  # fmt: skip
+        job, new = store_scenes.submit_or_find(store, request_id=str(number), idempotency_key="same")
         return job.id, new
 
     with ThreadPoolExecutor(crowd) as pool:
@@ -227,23 +219,12 @@ def test_a_refused_job_carries_its_problem(store: Database) -> None:
     job = submit(store)
     assert record(store, claim_one(store), problem=PROBLEM)
     failed = find(store, job)
-    assert (failed.state, failed.result_sha256) == ("failed", None)
-    assert failed.problem is not None
-    assert failed.problem["type"] == "/v1/problems/infeasible"
+    assert store_scenes.problem_of(failed)["type"] == "/v1/problems/infeasible"
+    assert failed.result_sha256 is None
     assert told(store, job)[-1][2] == {"state": "failed", "problem": failed.problem}
 
 
-# --- units in the hands of workers: what is claimed when, what may be recorded, when a job is g ----
-
-
-def stored_units(db: Database, job_id: str) -> list[sa.Row[*tuple[object, ...]]]:
-    query = sa.select(tables.units).where(tables.units.c.job_id == job_id).order_by(tables.units.c.number)
-    with reading(db) as connection:
-        return list(connection.execute(query))
-
-
-def alive(db: Database, worker_id: str, version: str) -> None:
-    workers.report_alive(db, worker_id, "host", 1, version, "pool", 2)
+# --- units in the hands of workers: what is claimed when, what may be recorded, when a job ends ----
 
 
 def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store: Database) -> None:
@@ -252,7 +233,7 @@ def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store:
         held = claim(store, limit=8)
         with ThreadPoolExecutor(8) as pool:
             assert all(pool.map(lambda one: record(store, one, result=b"x"), held))
-        advances = [row for row in stored_units(store, job.id) if row.advance]
+        advances = [row for row in store_scenes.unit_rows(store, job) if row.advance]
         assert [row.number for row in advances] == [0, 9]
         assert [len(one.results) for one in claim(store, limit=9)] == [8]
 
@@ -293,13 +274,12 @@ def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:
         assert (held.index, held.deaths) == (1, deaths - 1)
         queue.release(store, held, died=True)
         assert find(store, job).state == ("running" if deaths < 3 else "failed")
-    failed = find(store, job)
-    assert failed.problem is not None
-    assert failed.problem["type"] == "/v1/problems/unit-lost"
-    assert "3 times" in failed.problem["detail"]
-    assert "3 computing processes" in failed.problem["detail"]
-    assert [event.name for event in events.read_events(store, "acme", job.id, 0, 99)][-1] == "state"
-    assert [row.number for row in stored_units(store, job.id)] == [0]  # only what was recorded
+    problem = store_scenes.problem_of(find(store, job))
+    assert problem["type"] == "/v1/problems/unit-lost"
+    assert "3 times" in problem["detail"]
+    assert "3 computing processes" in problem["detail"]
+    assert told(store, job)[-1][1] == "state"
+    assert [row.number for row in store_scenes.unit_rows(store, job)] == [0]  # only what was recorded
     assert claim(store, limit=9) == []
 
 
@@ -313,12 +293,10 @@ def test_a_unit_that_takes_whole_workers_with_it_ends_the_job(store: Database, c
     assert find(store, job).state == "running"
     bystander = submit(store)
     assert [held.job_id for held in claim(store, "w5", limit=9, max_attempts=4)] == [bystander.id]
-    failed = find(store, job)
-    assert failed.state == "failed"
-    assert failed.problem is not None
-    assert failed.problem["type"] == "/v1/problems/unit-lost"
-    assert "4 times" in failed.problem["detail"]
-    assert [row.number for row in stored_units(store, job.id)] == [0]
+    problem = store_scenes.problem_of(find(store, job))
+    assert problem["type"] == "/v1/problems/unit-lost"
+    assert "4 times" in problem["detail"]
+    assert [row.number for row in store_scenes.unit_rows(store, job)] == [0]
 
 
 def test_giving_back_the_last_attempt_ends_the_job(store: Database) -> None:
@@ -335,10 +313,9 @@ def test_a_job_that_takes_too_long_fails_but_an_answer_counts(store: Database, c
     assert record(store, one, result=b"x", cpu_seconds=9.0, max_job_seconds=10.0)
     assert record(store, two, result=b"x", cpu_seconds=0.6, max_job_seconds=10.0)
     failed = find(store, slow)
-    assert (failed.state, failed.cpu_seconds) == ("failed", pytest.approx(0.5 + 9.0 + 0.6))
-    assert failed.problem is not None
-    assert failed.problem["type"] == "/v1/problems/limit-exceeded"
-    assert "10 CPU seconds" in failed.problem["detail"]
+    assert failed.cpu_seconds == pytest.approx(0.5 + 9.0 + 0.6)
+    assert store_scenes.problem_of(failed)["type"] == "/v1/problems/limit-exceeded"
+    assert "10 CPU seconds" in store_scenes.problem_of(failed)["detail"]
     assert record(store, three, result=b"x", max_job_seconds=10.0)
     assert record(store, claim_one(store), answer=b"{}", cpu_seconds=11.0, max_job_seconds=10.0)
     assert find(store, quick).state == "succeeded"
@@ -393,8 +370,7 @@ def test_a_large_job_is_advanced_before_younger_ones_are_begun(store: Database, 
 def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Database) -> None:
     job = submit(store)
     claim_one(store, solver_version="2.0")
-    told = [(event.name, event.data) for event in events.read_events(store, "acme", job.id, 0, 99)]
-    assert told == [
+    assert [(name, data) for _, name, data in told(store, job)] == [
         ("state", {"state": "queued"}),
         ("recomputed", {"from": "1.0", "to": "2.0"}),
         ("state", {"state": "running"}),
@@ -417,9 +393,9 @@ def test_workers_are_listed_until_they_say_goodbye(store: Database, clock: Clock
 
 
 def test_figures_count_everything(store: Database, clock: Clock) -> None:
-    alive(store, "silent", "1.0")
+    workers.report_alive(store, "silent", "host", 1, "1.0", "pool", 2)
     clock.advance(53)  # and 7: a worker that was not seen for a whole minute counts as gone
-    alive(store, "w1", "1.0")
+    workers.report_alive(store, "w1", "host", 1, "1.0", "pool", 2)
     job = split(store, 4)
     claim(store, limit=1)
     submit(store)
@@ -441,9 +417,7 @@ def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
     assert find(store, job).note == "a\ufffdb?"
     odd = json.dumps({"type": "/v1/problems/infeasible", "detail": "nul \0 and \ud800"}).encode()
     assert queue.record(store, claim_one(store), Outcome(0.0, problem=odd), max_job_seconds=1.0)
-    failed = find(store, job)
-    assert failed.problem is not None
-    assert failed.problem["detail"] == "nul \0 and \ud800"
+    assert store_scenes.problem_of(find(store, job))["detail"] == "nul \0 and \ud800"
 
 
 # --- a clock that was ahead ----------------------------------------------------------------------

@@ -22,6 +22,7 @@ from service_scenes import client_with, limited
 from store_scenes import Clock
 
 from plain_data import problems_of, read_cases
+from tailstack.errors import Problem
 from tailstack_service.jobs.store import audit, tables, upkeep
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.keys import Key, create_key, find_key, list_keys, revoke_key
@@ -101,10 +102,7 @@ def test_keys_are_listed_by_tenant_the_oldest_first(store: Database, clock: Cloc
     assert list_keys(store, "nobody") == []
 
 
-@pytest.mark.parametrize(
-    ("changes", "pointers"),
-    read_cases("keys", "keys"),
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "pointers"), read_cases("keys", "keys"))
 def test_a_key_that_cannot_be_is_refused(store: Database, changes: dict[str, object], pointers: list[str]) -> None:
     assert [problem.pointer for problem in problems_of(make, store, **changes, error=RequestError)] == pointers
     assert list_keys(store) == []
@@ -289,8 +287,6 @@ def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Pat
 def test_a_gate_is_answered_where_it_cannot_be_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from tailstack.errors import Problem
-
     def away(*_: object) -> None:
         raise StoreUnavailable(Problem("", "store-unavailable", "it is away"))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from postgres import Server
-from service_scenes import ROOT, commands
-from store_scenes import Clock, claim, claim_one, find, finish, record, specs, split, split_each, submit, url_of
+from service_scenes import ROOT
+from store_scenes import Clock, claim, claim_one, find, finish, record, specs, split, split_each, submit, url_of, wrong
+from worker_scenes import prepared_database
 
 from plain_data import read_cases
 from tailstack.errors import Problem
@@ -35,13 +36,8 @@ DAY = 86_400.0
 @pytest.fixture
 def fresh(database_url: str, clock: Clock) -> Iterator[Database]:
     """A database of this test alone, which it may damage."""
-    schema.migrate_database(database_url)
-    with closing(open_database(database_url, clock=clock)) as db:
+    with prepared_database(database_url, clock) as db:
         yield db
-
-
-def wrong(db: Database) -> list[str]:
-    return [check.name for check in upkeep.check_database(db) if not check.ok]
 
 
 def execute(db: Database, statement: str) -> None:
@@ -71,9 +67,7 @@ def test_migrating_again_changes_nothing(fresh: Database) -> None:
     assert find(fresh, job).units_done == 1
 
 
-def test_a_database_without_tables_is_refused_with_the_next_command(
-    postgres_url: str, tmp_path: Path, clock: Clock
-) -> None:
+def test_a_database_without_tables_is_refused_with_the_next_command(postgres_url: str, tmp_path: Path) -> None:
     missing = f"sqlite:///{tmp_path / 'a.sqlite3'}"
     with pytest.raises(StoreError, match=r"no database.*tailstack db migrate"):
         open_database(missing)
@@ -193,9 +187,8 @@ def raise_if_wrong(db: Database) -> None:
 
 def test_a_page_of_a_file_that_is_overwritten_is_noticed(tmp_path: Path, clock: Clock) -> None:
     path = tmp_path / "a.sqlite3"
-    db = open_database(f"sqlite:///{path}", migrate=True, clock=clock)
-    split_each(db, clock, *[5] * 40)
-    db.close()
+    with closing(open_database(f"sqlite:///{path}", migrate=True, clock=clock)) as db:
+        split_each(db, clock, *[5] * 40)
     content = bytearray(path.read_bytes())
     for page in range(20, len(content) // 4096):
         content[page * 4096 : page * 4096 + 64] = b"\xff" * 64
@@ -223,10 +216,7 @@ def test_a_copy_that_sqlite_makes_while_the_service_runs_can_be_restored(tmp_pat
         assert kept is not None
         assert kept.body == b'{"answer":42}'
         clock.advance(1_000)  # and it goes on where it was
-        while held := claim(db, limit=9):
-            for one in held:
-                told: dict[str, Any] = {"result": b"z"} if b"unit" in one.spec else {"answer": b"{}"}
-                assert record(db, one, **told)
+        finish(db)
         assert find(db, made["half"]).state == "succeeded"
 
 
@@ -325,33 +315,23 @@ def test_old_usage_becomes_one_sum(store: Database, clock: Clock) -> None:
     assert upkeep.purge(store, 30.0).usage_rows == 0
 
 
-@pytest.fixture
-def command(
-    database_url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    """``tailstack`` on a database of this test: exit code, stdout, stderr."""
+def test_the_commands_of_an_operator(call: Any, database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TAILSTACK_DATABASE", database_url)
-
-    return commands(capsys)
-
-
-def test_the_commands_of_an_operator(command: Callable[..., tuple[int, str, str]], database_url: str) -> None:
-    code, out, err = command("db", "check")
+    code, out, err = call("db", "check")
     assert code == 3, (out, err)
     assert "tailstack db migrate" in out + err or "none" in out
-    code, out, err = command("db", "migrate")
+    code, out, err = call("db", "migrate")
     assert (code, out) == (0, "")
     assert f"created with schema version {schema.HEAD}" in err
-    assert "already at" in command("db", "migrate")[2]
-    code, out, err = command("db", "check")
+    assert "already at" in call("db", "migrate")[2]
+    code, out, err = call("db", "check")
     assert code == 0, (out, err)
     assert out.count("ok  ") == len(out.splitlines()) - 1
     assert out.endswith(": sound\n")
-    db = connect(database_url)
-    split(db, 2)
-    execute(db, "UPDATE jobs SET units_done = 7")
-    db.close()
-    code, out, err = command("db", "check")
+    with closing(connect(database_url)) as db:
+        split(db, 2)
+        execute(db, "UPDATE jobs SET units_done = 7")
+    code, out, err = call("db", "check")
     assert code == 3
     assert "FAIL  units are counted right: not so: 0" in out
     password = database_url.split(":")[2].partition("@")[0] if "@" in database_url else None

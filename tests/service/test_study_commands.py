@@ -216,21 +216,14 @@ def test_a_design_whose_layout_is_fixed_is_refused_at_once(refused: Any) -> None
 FILES = EXAMPLES / "measurements"
 
 
-def compared(capfdbinary: pytest.CaptureFixture[bytes], name: str, *options: str) -> tuple[int, dict]:
-    """Exit code and the document that --json prints."""
-    code = main(["study", "compare", DEMO, "--measurements", str(FILES / name), "--json", *options])
-    return code, json.loads(capfdbinary.readouterr().out)
-
-
 @pytest.mark.long
-def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+def test_the_tilted_flange_is_found(call: Any, tmp_path: Path) -> None:
     """The truth is written in the file: 0.46 deg about x at the connector on the flange."""
-    figure = tmp_path / "q.svg"
-    code, document = compared(capfdbinary, "bench_tilted_flange.csv", "--figure", str(figure))
-    assert code == 1
-    assert document["verdict"] == "differs"
-    record = tmp_path / "study.json"
-    record.write_text(json.dumps(document))
+    figure, measured = tmp_path / "q.svg", FILES / "bench_tilted_flange.csv"
+    code, out, _ = call("study", "compare", DEMO, "--measurements", measured, "--json", "--figure", figure)
+    document = json.loads(out)
+    assert (code, document["verdict"]) == (1, "differs")
+    record = write_json(tmp_path / "study.json", document)
     assert main(["report", str(record), "--format", "json", "-o", str(tmp_path)]) == 1
     study = record_of("study-comparison", document)
     assert figure.read_text() == draw_comparison(study)
@@ -243,11 +236,11 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
 
 
 @pytest.mark.long
-def test_the_paper_s_summary_is_read_and_not_tested(capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["study", "compare", DEMO, "--error", "localisation", "--measurements", str(FILES / "paper_s4.csv")]
-    assert main(command) == 4
-    text = " ".join(capsys.readouterr().out.split())
-    assert "its own reference, not a measurement" in text
+def test_the_paper_s_summary_is_read_and_not_tested(call: Any) -> None:
+    measured = ("--error", "localisation", "--measurements", FILES / "paper_s4.csv")
+    code, out, _ = call("study", "compare", DEMO, *measured)
+    assert code == 4
+    assert "its own reference, not a measurement" in " ".join(out.split())
 
 
 def test_the_example_of_the_papers_bench_is_its_table_as_printed() -> None:

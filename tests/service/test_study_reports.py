@@ -116,9 +116,9 @@ def test_a_record_keeps_its_schema_and_is_computed_again_from_its_design(name: s
 
 
 def test_a_number_of_a_study_that_was_changed_is_told(tmp_path: Path, call: Any) -> None:
-    forged, path = json.loads(body("study-coupling")), tmp_path / "study.json"
+    forged = json.loads(body("study-coupling"))
     forged["cases"][0]["p95_together_mm"] *= 1.01
-    path.write_text(json.dumps(forged), encoding="utf-8")
+    path = write_json(tmp_path / "study.json", forged)
     code, out, _ = call("report", "--verify", path, write_json(tmp_path / "design.json", EXAMPLE_DESIGN))
     assert code == 1
     assert "/cases/0/p95_together_mm: recorded" in out

@@ -11,14 +11,13 @@ from xml.etree import ElementTree
 
 import jsonschema
 import pytest
-from service_scenes import small_design, write_json
+from service_scenes import EXAMPLES, small_design, write_json
 
 from plain_data import read_cases
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
 from tailstack_service.schemas import json_schema
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = str(EXAMPLES / "demo.yaml")
 RZ = "interfaces.structure_connector.tolerances.rz.half_width_deg"
 
@@ -128,8 +127,7 @@ def test_a_figure_over_two_axes_has_a_curve_each_or_is_a_map(design: Path, tmp_p
 
 def test_a_figure_says_what_it_leaves_out(tmp_path: Path) -> None:
     """Fifteen targets, six curves; one point of three that no design can be."""
-    markups = Path(__file__).parents[2] / "examples" / "slicer_markups.yaml"
-    said = " ".join(figure(markups, tmp_path, f"{NOISE}=0.2,0.4,-1").split())
+    said = " ".join(figure(EXAMPLES / "slicer_markups.yaml", tmp_path, f"{NOISE}=0.2,0.4,-1").split())
     assert "the 6 of 15 targets with the largest P95" in said
     assert "1 of 3 points were refused and are not drawn" in said
 

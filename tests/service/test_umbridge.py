@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ import pytest
 import requests
 import umbridge
 from door_pages import run_page
+from postgres import free_ports
 from scipy import stats
 from service_scenes import EXAMPLES, ROOT
 
@@ -39,9 +39,8 @@ def answers(url: str) -> bool:
 
 
 @pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+def url() -> Iterator[str]:
+    port = next(free_ports())
     with started(sys.executable, EXAMPLE, DEMO, str(port), stdout=subprocess.DEVNULL, stderr=None):
         until(lambda: answers(f"http://127.0.0.1:{port}"))
         yield f"http://127.0.0.1:{port}"

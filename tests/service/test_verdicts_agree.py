@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from datetime import date
 from html.parser import HTMLParser
 from itertools import product
 from typing import Any
@@ -17,14 +16,13 @@ from xml.etree import ElementTree
 
 import openpyxl
 import pytest
+from gate_scenes import judge_files
 from service_scenes import sound_design
 
 from tailstack import load_design, score, verify
 from tailstack.design import Design
 from tailstack_service.documents import to_json
 from tailstack_service.gate.formats import FORMATS
-from tailstack_service.gate.judge import judge
-from tailstack_service.gate.request import admit_gate
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.rendering.text import Page, write_on
@@ -132,12 +130,13 @@ def checks(report: bytes) -> dict[str, dict[str, Any]]:
 
 
 class Rows(HTMLParser):
-    """Texts of the cells of every row."""
+    """Texts of the cells of every row of a page."""
 
-    def __init__(self) -> None:
+    def __init__(self, page: str) -> None:
         super().__init__()
         self.rows: list[list[str]] = []
         self.inside = False
+        self.feed(page)
 
     def handle_starttag(self, tag: str, _: Any) -> None:
         if tag == "tr":
@@ -157,18 +156,14 @@ class Rows(HTMLParser):
 @pytest.mark.long
 def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
     page = render("report", report, "html").decode()
-    first = page[: page.index("<nav")]
-    reader = Rows()
-    reader.feed(first)
-    rows = [row for row in reader.rows if row[0] in checks]
+    first, chapters = page[: page.index("<nav")], page[page.index("<nav") :]
+    rows = [row for row in Rows(first).rows if row[0] in checks]
     assert {row[0] for row in rows} == set(checks)
     assert len(rows) == len(checks)
     for row in rows:
         same_row(without_units(row), checks[row[0]])
         assert row[2].replace(" of the error at the tool", "") == words_of(checks[row[0]])
-    reader = Rows()
-    reader.feed(page[page.index("<nav") :])
-    for row in (row for row in reader.rows if row[0] in checks):  # the chapter's own table
+    for row in (row for row in Rows(chapters).rows if row[0] in checks):  # the chapter's own table
         same_row(without_units(row), checks[row[0]])
 
 
@@ -219,10 +214,9 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
         assert sentence.startswith("The second design misses ")
         assert "units" in sentence
         assert "tail" in sentence
-        reader = Rows()
-        reader.feed(start)
-        signed = next(k for k, row in enumerate(reader.rows) if "Signature" in row)  # the lines to sign come after
-        said = {(row[1], row[0], row[-1]) for row in reader.rows[1:signed]}
+        rows = Rows(start).rows
+        signed = next(k for k, row in enumerate(rows) if "Signature" in row)  # the lines to sign come after
+        said = {(row[1], row[0], row[-1]) for row in rows[1:signed]}
         each = (("First", "pass"), ("Second", "fail"))
         assert said == {(name, *judged) for name in ("units", "tail") for judged in each}
         shown = set(re.findall(r"P95 ([\d.]+) mm", start))
@@ -233,9 +227,7 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
 
 def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dict[str, dict[str, Any]]) -> None:
     data = sound_design(requirements=[entry.model_dump(exclude_none=True) for entry in design.document.requirements])
-    record = judge(
-        admit_gate({"designs": [{"file": "a.yaml", "design": data}], "mode": "analytic"}, today=date(2026, 11, 21)).gate
-    )
+    record = judge_files({"a.yaml": data}, policy=None)
     numbers = {n["requirement"]: n for n in json.loads(to_json(record))["designs"][0]["numbers"]}
     assert set(numbers) == set(checks)
     for name, number in numbers.items():
@@ -287,14 +279,13 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
     assert [check["status"] for check in checks] == ["pass", "pass", "fail", "inconclusive"]
     with write_on(Page(160, details=True)):
         text = OPERATIONS["verification"].write(found)
-    reader = Rows()
     page = render("verification", to_json(found), "html").decode()
-    reader.feed(page[: page.index("<nav")])
+    rows = Rows(page[: page.index("<nav")]).rows
     for check in checks:
         line = next(line for line in text.splitlines() if line.startswith(check["requirement"]))
         cells = line.replace(" .. ", " ").split()
         same_row([*cells[:-2], cells[-1]], check)
-        same_row(without_units(next(row for row in reader.rows if row[0] == check["requirement"])), check)
+        same_row(without_units(next(row for row in rows if row[0] == check["requirement"])), check)
         # first order agrees where it is calibrated
         assert check["value"] == pytest.approx(values[check["quantile"], check["min_yield"]], rel=0.04)
     assert "FAIL" in page.upper()
@@ -302,8 +293,7 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
 
 def test_a_yield_that_so_few_units_cannot_show_is_open_and_its_margin_not_known() -> None:
     entry = requirement(0.95, 0.999, 50.0, "nearly-all")
-    (check,) = json.loads(to_json(verify(load_design(sound_design(requirements=[entry])), trials=5000)))["verdict"][
-        "checks"
-    ]
+    found = verify(load_design(sound_design(requirements=[entry])), trials=5000)
+    (check,) = json.loads(to_json(found))["verdict"]["checks"]
     assert (check["status"], check["interval"][1], check["margin"]) == ("inconclusive", None, None)
     assert check["yield_fraction"] == 1.0

@@ -6,6 +6,7 @@ Sentences hold at the ends of what numbers can be.
 from __future__ import annotations
 
 import ast
+import copy
 import json
 import math
 import re
@@ -17,24 +18,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from service_scenes import write_json
 
 import tailstack
 from optimise_documents import BOX, document, moving
-from plain_data import places_of, problems_of, value_at
+from plain_data import DEMO, places_of, problems_of, value_at
 from tailstack import load_design, score
 from tailstack.design import Design
 from tailstack.optimisation import optimise
 from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
 from tailstack_service.cli.jobs import jobs_text
-from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.validation import validate, validation_text
 from tailstack_service.rendering.text import WIDTH
 from tailstack_service.report.assembling import compute_report, options_of
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def similar(what: str, letter: str, length: int = 80) -> str:
@@ -52,8 +51,7 @@ NAME = similar("design", "a")
 @pytest.fixture(scope="module")
 def named() -> dict[str, Any]:
     """The demo, called so."""
-    data = load_design(ROOT / "examples" / "demo.yaml").document
-    design: dict[str, Any] = data.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    design = copy.deepcopy(DEMO)
     del design["optimise"]
     design["name"] = NAME
     for view, name in zip(design["views"], VIEWS, strict=True):
@@ -133,7 +131,7 @@ def test_jobs_show_ids_in_one_piece_and_names_whole() -> None:
 def test_names_in_wide_letters_are_whole_too(named: dict[str, Any]) -> None:
     """A wide letter takes two columns; the page counts them."""
     names = ["固定具" * 26 + letter for letter in ("甲", "乙")]
-    data = json.loads(json.dumps(named))
+    data = copy.deepcopy(named)
     for target, requirement, name in zip(data["targets"], data["requirements"], names, strict=True):
         target["name"], requirement["targets"] = name, [name]
     text = OPERATIONS["score"].write(score(load_design(data)))
@@ -152,8 +150,7 @@ LABEL = {SEAT: "carrier on connector, two dowel pins", FLANGE: "connector on fla
 @pytest.fixture(scope="module")
 def demo() -> dict[str, Any]:
     """A report of the demo, whose interfaces have labels, as plain data."""
-    design = load_design(ROOT / "examples" / "demo.yaml")
-    found: dict[str, Any] = json.loads(to_json(compute_report(design, options_of({"parts": ["score"]}))))
+    found: dict[str, Any] = json.loads(to_json(compute_report(load_design(DEMO), options_of({"parts": ["score"]}))))
     return found
 
 
@@ -169,9 +166,7 @@ def test_budget_and_allowances_name_interfaces_as_the_design_does(demo: dict[str
 
 
 def test_an_interface_without_a_label_is_called_by_its_name() -> None:
-    data = load_design(ROOT / "examples" / "demo.yaml").document.model_dump(
-        mode="json", by_alias=True, exclude_unset=True
-    )
+    data = copy.deepcopy(DEMO)
     for interface in data["interfaces"].values():
         del interface["label"]
     lines = score(load_design(data)).targets[0].contributors
@@ -222,13 +217,9 @@ SCENES: dict[str, Data] = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_length_that_is_something_is_never_told_as_nothing(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "design.json"
-    path.write_text(json.dumps(SCENES[name]))
-    main(["verify", str(path), "--trials", "4096"])
-    text = " ".join(capsys.readouterr().out.split())
+def test_a_length_that_is_something_is_never_told_as_nothing(name: str, tmp_path: Path, call: Any) -> None:
+    path = write_json(tmp_path / "design.json", SCENES[name])
+    text = " ".join(call("verify", path, "--trials", "4096")[1].split())
     told = text[: text.index("require- target")] + text[text.index("how sure:") :]  # sentences, without tables
     assert not re.findall(r"(?<![\d.])0(?:\.0+)? mm", told), told
     assert "0.0 % " not in told
@@ -242,18 +233,13 @@ def test_a_length_that_is_something_is_never_told_as_nothing(
 
 
 @pytest.mark.parametrize("bias_mm", [0.0, 0.3, 6.0, -6.0])
-def test_a_known_bias_that_leads_is_named_before_any_tolerance(
-    bias_mm: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_known_bias_that_leads_is_named_before_any_tolerance(bias_mm: float, tmp_path: Path, call: Any) -> None:
     data = document(8, 0.1)
     del data["optimise"]
     data["interfaces"]["structure_connector"]["bias"] = {"tx_mm": bias_mm}
-    path = tmp_path / "design.json"
-    path.write_text(json.dumps(data))
-    main(["score", str(path)])
-    said = " ".join(capsys.readouterr().out.split())
-    main(["gate", "--mode", "analytic", str(path)])
-    judged = " ".join(capsys.readouterr().out.split())
+    path = write_json(tmp_path / "design.json", data)
+    said = " ".join(call("score", path)[1].split())
+    judged = " ".join(call("gate", "--mode", "analytic", path)[1].split())
     (target,) = score(load_design(data)).targets
     leads = math.hypot(*target.bias_mm) > math.hypot(*target.std_mm)
     assert leads == (abs(bias_mm) > 1)

@@ -7,10 +7,10 @@ but for looks that take seconds.
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
+from service_scenes import EXAMPLES
 from work_driver import run_job
 
 from optimise_documents import BOX, document
@@ -28,7 +28,7 @@ from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Tas
 from tailstack_service.schemas import read_record
 from tailstack_service.settings import Settings
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROTATIONS = {"min_deg": 0.01, "max_deg": 0.5}
 
 
 def example(name: str) -> dict[str, Any]:
@@ -109,19 +109,13 @@ def test_a_check_that_goes_on_asks_ahead_for_what_it_will_need() -> None:
 @pytest.mark.parametrize(
     "request_",
     [
-        {"design": document(8, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": 6, "seed": 2},
-        {"design": document(8, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}), "starts": None, "seed": None},
-        {
-            "design": document(
-                6, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}, stay={"cost_per_mm": 2.0}
-            ),
-            "starts": 5,
-            "seed": 3,
-            "gap": 0.3,
-        },
+        {"design": document(8, box=BOX, rotation_bounds=ROTATIONS), "starts": 6, "seed": 2},
+        {"design": document(8, rotation_bounds=ROTATIONS), "starts": None, "seed": None},
+        {"design": document(6, box=BOX, rotation_bounds=ROTATIONS, stay={"cost_per_mm": 2.0}), "starts": 5, "seed": 3,
+         "gap": 0.3},
     ],
     ids=["placement", "budgets", "moves that cost, near enough"],
-)
+)  # fmt: skip
 def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[str, Any]) -> None:
     options = {name: request_.get(name) for name in ("seed", "starts", "gap")}
     outcome, recorded = run_job("optimisation", request_, shuffle=3, twice="box" not in request_["design"]["optimise"])
@@ -135,7 +129,7 @@ def test_the_points_of_a_front_are_units(layout: dict[str, Any]) -> None:
     """Two groups of starts, three points, that of the tightest limit out of reach; a layout that stays is not started
     from several places."""
     front = {"points": 3, "min_limit_mm": 0.1, "max_limit_mm": 2.0}
-    data = document(6, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}, objective="pareto", front=front, **layout)
+    data = document(6, rotation_bounds=ROTATIONS, objective="pareto", front=front, **layout)
     outcome, recorded = run_job("optimisation", {"design": data}, shuffle=8, twice=False)
     assert outcome.answer == to_json(optimise(load_design(data), threads=2))
     whats = [json.loads(unit.spec)["what"] for unit in sorted(recorded, key=lambda unit: unit.index)]
@@ -150,7 +144,7 @@ def test_the_points_of_a_front_are_units(layout: dict[str, Any]) -> None:
 def test_what_is_refused_in_process_is_refused_in_units(kind: str) -> None:
     """A radial check that does not hold; a search that is refused before any start is solved, whose units come to
     nothing: the last look says why."""
-    data = document(6, 0.1, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
+    data = document(6, 0.1, box=BOX, rotation_bounds=ROTATIONS)
     run: Any = optimise
     options: dict[str, Any] = {}
     if kind == "verification":

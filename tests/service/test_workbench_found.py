@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import yaml
-from browsing import DEMO, used
+from browsing import DEMO, demo_with, used
 from served import Served, served
 from service_scenes import EXAMPLES, ask
 from test_prefix import NGINX, proxying
@@ -32,11 +32,6 @@ def found_by(service: Served, scenario: str, design: str = DEMO, **more: Any) ->
     return used(service.url, scenario, design, script="found.mjs", **more)
 
 
-def without(*fields: str, **changes: Any) -> str:
-    data = {key: value for key, value in yaml.safe_load(DEMO).items() if key not in fields}
-    return yaml.safe_dump({**data, **changes}, sort_keys=False, allow_unicode=True)
-
-
 # --- estimate and simulation ------------------------------------------------------------------------------------------
 
 
@@ -45,7 +40,7 @@ def test_under_verified_by_simulation_stands_nothing_of_an_estimate_that_it_refu
     fiducials = yaml.safe_load(DEMO)["fiducials"]
     for k, point in enumerate(fiducials["points"]):
         point["position_mm"][2] = -50 + 0.2 * (k % 3)
-    found = found_by(service, "refuted", without("optimise", fiducials=fiducials))
+    found = found_by(service, "refuted", demo_with("optimise", fiducials=fiducials))
     (job,) = ask("GET", f"{service.url}/v1/jobs?limit=1").json()["jobs"]
     check = ask("GET", f"{service.url}{job['links']['result']}").json()["verification"]
     assert check["trials"] == check["max_trials"] == SHOTS  # what the operator allows
@@ -139,7 +134,7 @@ def test_every_lever_has_its_bar_and_every_slider_its_curve_whose_crossing_is_wh
 
 
 def test_a_design_without_a_requirement_gets_one_and_more_under_all_fields_or_by_the_strip(service: Served) -> None:
-    none, one, two, empty, again, stated = found_by(service, "grow", without("requirements", "optimise"))["found"]
+    none, one, two, empty, again, stated = found_by(service, "grow", demo_with("requirements", "optimise"))["found"]
     assert none == empty == []
     assert len(one) == len(again) == 1
     assert len({name for name, _ in two}) == 2

@@ -19,6 +19,7 @@ import yaml
 from page_in_node import in_node
 from service_scenes import EXAMPLES
 
+from plain_data import replaced, value_at
 from tailstack import load_design, score
 from tailstack.design import DEFAULT_LIMITS
 from tailstack.design.fiducial_files import read_fiducials
@@ -95,13 +96,9 @@ def scene(name: str) -> dict[str, Any]:
     if points:
         x, y, z = points[0]["position_mm"]
         drag = [{"path": ["fiducials", "points", 0, "position_mm"], "value": [x + 1.5, y, z]}]
-    dragged, variant = copy.deepcopy(design), {**copy.deepcopy(design), "description": "a variant"}
-    place = dragged
-    for key in drag[0]["path"][:-1]:
-        place = place[key]
-    place[drag[0]["path"][-1]] = drag[0]["value"]
+    dragged = replaced(design, drag[0]["path"], drag[0]["value"])
     states = []
-    for k, state in enumerate((design, dragged, variant)):
+    for k, state in enumerate((design, dragged, {**design, "description": "a variant"})):
         record = scaled(real, ESTIMATES[k])
         record["provenance"] = {**record["provenance"], "design_sha256": f"{k}" * 64}
         simulation = simulated(record, SIMULATIONS[k] / ESTIMATES[k])
@@ -253,7 +250,7 @@ def lists_of(schema: Any, part: Any, at: str = "", known: frozenset[str] = froze
     """Every list of a schema that may be of several lengths, with the path of names to it."""
     if "$ref" in part:
         if part["$ref"] not in known:
-            yield from lists_of(schema, _at(schema, part["$ref"]), at, known | {part["$ref"]})
+            yield from lists_of(schema, value_at(schema, part["$ref"].split("/")[1:]), at, known | {part["$ref"]})
         return
     if (
         part.get("type") == "array"
@@ -267,12 +264,6 @@ def lists_of(schema: Any, part: Any, at: str = "", known: frozenset[str] = froze
         yield from lists_of(schema, each, f"{at}/{name}", known)
     if isinstance(part.get("items"), dict):
         yield from lists_of(schema, part["items"], f"{at}/-", known)
-
-
-def _at(schema: Any, reference: str) -> Any:
-    for name in reference.split("/")[1:]:
-        schema = schema[name]
-    return schema
 
 
 def test_links_lead_to_the_service_whether_or_not_a_proxy_passes_its_path_on(made: dict[str, Any]) -> None:

@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 import yaml
-from browsing import DEMO, used
+from browsing import DEMO, demo_with, used
 from served import Served
 from service_scenes import EXAMPLES, ROOT, ask
 
 from tailstack import load_design, score
 from tailstack.design.loading import list_assumed
-from tailstack_service.cli.main import main
 from tailstack_service.first_design import Beads, design_of_beads
 
 SCRIPT = "leads.mjs"
@@ -93,14 +92,13 @@ def test_from_a_list_of_beads_to_a_verified_optimum_and_its_report_by_what_the_s
 
 
 @pytest.mark.long
-def test_the_page_shows_as_many_digits_as_the_command(service: Served, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_shows_as_many_digits_as_the_command(service: Served, call: Any) -> None:
     names = ["demo", "tube_carrier", "gallery/long_tool", "gallery/per_unit_limit", "paper/c_arm"]
     paths = [EXAMPLES / f"{name}.yaml" for name in names]
     found = led(service, "digits", designs=[path.read_text(encoding="utf-8") for path in paths])["found"]
     assert len({len(shown["p95"]) for shown in found}) > 1
     for path, shown in zip(paths, found, strict=True):
-        main(["score", str(path)])
-        said = set(capsys.readouterr().out.split())
+        said = set(call("score", path)[1].split())
         assert {shown["p95"], shown["mean"], *shown["without"]} <= said, path
         if shown["row"]:  # found, between and limit
             assert set(re.findall(r"\d+\.\d+", " ".join(shown["row"]))) <= said, path
@@ -140,9 +138,8 @@ def test_a_change_is_seen_against_the_state_before_and_what_to_do_next_says_what
 
 @pytest.mark.long
 def test_a_design_that_says_nothing_of_an_optimum_is_optimised_from_a_box_round_its_beads(service: Served) -> None:
-    data = yaml.safe_load(DEMO)
-    del data["optimise"]
-    found = led(service, "unasked", yaml.safe_dump(data, sort_keys=False))
+    design = demo_with("optimise")
+    found = led(service, "unasked", design)
     assert found["title"] == "from: a box round the beads, seats ± 50 %"
     assert found["unchanged"] is True  # nothing is added before it is taken
     taken = yaml.safe_load(found["text"])
@@ -154,7 +151,7 @@ def test_a_design_that_says_nothing_of_an_optimum_is_optimised_from_a_box_round_
         unit = "deg" if component[0] == "r" else "mm"
         width = taken["interfaces"][interface]["tolerances"][component][f"half_width_{unit}"]
         assert each[f"min_{unit}"] <= width <= each[f"max_{unit}"]
-    assert found["p95"] < score(load_design(data)).targets[0].p95_mm
+    assert found["p95"] < score(load_design(design)).targets[0].p95_mm
 
 
 @pytest.mark.long

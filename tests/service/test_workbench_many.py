@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 import yaml
 from browsing import DEMO, asked, playing, used
+from page_in_node import call_page
 from scipy.stats import qmc
 from served import Served, served
 from service_scenes import EXAMPLES
-from test_page_modules import call_page
 
 from plain_data import replaced, value_at
 from tailstack import load_design, score
@@ -242,9 +242,8 @@ def test_places_of_a_target_make_a_map_and_a_place_without_an_answer_says_why(se
 
 @pytest.mark.long
 def test_a_kill_in_the_middle_is_said_and_a_change_of_the_design_stops_it(tmp_path: Path, browser: None) -> None:
-    asks = asked("", "killed", count=20_000)
     with served(tmp_path) as running, ExitStack() as stack:
-        page = stack.enter_context(playing("many.mjs", **{**asks, "url": f"{running.url}/"}))
+        page = stack.enter_context(playing("many.mjs", **asked(running.url, "killed", count=20_000)))
         assert page.said() == "kill"
         os.kill(running.pid, signal.SIGKILL)
         running.process.wait(LIMIT_SECONDS)

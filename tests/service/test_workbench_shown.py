@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from browsing import DEMO, used
+from browsing import DEMO, demo_with, used
 from served import Served
 from service_scenes import EXAMPLES, ROOT
 
@@ -23,10 +23,6 @@ BUILT = ROOT / "service" / "tailstack_service" / "workbench"
 
 def shown(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
     return used(service.url, scenario, design, script="shown.mjs", **more)
-
-
-def design_with(**changes: Any) -> str:
-    return yaml.safe_dump({**yaml.safe_load(DEMO), **changes}, allow_unicode=True, sort_keys=False)
 
 
 # --- which bead is pressed ---------------------------------------------------------------------------------------
@@ -133,12 +129,9 @@ def test_what_is_not_of_the_design_on_the_page_is_grey(service: Served) -> None:
 
 @pytest.mark.long
 def test_a_requirement_is_denied_only_where_the_design_states_none(service: Served) -> None:
-    data = yaml.safe_load(DEMO)
-    without = {key: value for key, value in data.items() if key not in ("requirements", "optimise")}
-    fiducials = {**data["fiducials"], "points": data["fiducials"]["points"][:2]}
-    found = shown(
-        service, "none", refused=design_with(fiducials=fiducials), without=yaml.safe_dump(without, sort_keys=False)
-    )
+    fiducials = yaml.safe_load(DEMO)["fiducials"]
+    few = demo_with(fiducials={**fiducials, "points": fiducials["points"][:2]})
+    found = shown(service, "none", refused=few, without=demo_with("requirements", "optimise"))
     assert "states no requirement" not in found["refused"]
     assert "states no requirement" not in found["waiting"]
     assert "warming up" in found["waiting"]
@@ -255,7 +248,7 @@ def test_keys_in_either_case_focus_after_a_choice_and_regions_that_are_told_apar
 @pytest.mark.long
 def test_with_many_targets_or_requirements_the_strip_stays_a_strip(service: Served) -> None:
     targets = [{"name": f"target {k}", "position_mm": [k - 6, 5, 40 + 5 * k]} for k in range(12)]
-    found = shown(service, "tall", design_with(targets=targets))
+    found = shown(service, "tall", demo_with(targets=targets))
     assert found["height"] <= 145
     assert "tip-accuracy at target 11: " in found["words"]  # one requirement, kept or not, however many targets it has
     screw = (EXAMPLES / "pedicle_screw.yaml").read_text(encoding="utf-8")
@@ -294,7 +287,7 @@ def test_on_a_phone_what_is_found_stays_in_sight_and_no_name_pushes_the_page_wid
         {"name": "every-target", "limit_mm": 5.0},
         {"name": "sella-99-percent-of-all-shots-for-the-file", "limit_mm": 0.2, "targets": ["Sella, Mitte"]},
     ]
-    design = design_with(targets=targets, requirements=requirements, optimise={"rotation_bounds": ROTATIONS})
+    design = demo_with(targets=targets, requirements=requirements, optimise={"rotation_bounds": ROTATIONS})
     found = shown(service, "phone", design)
     assert found["wide"] == 0
     assert (found["top"], found["height"] < 100) == (0, True)

@@ -17,20 +17,21 @@ from typing import Any
 import psutil
 import pytest
 import sqlalchemy as sa
+from store_scenes import find, problem_of, submit, unit_rows
 from strange_units import begun, expected_answer, request, units_begun
-from worker_scenes import TENANT, finished, job, prepared_database, submit, working
+from worker_scenes import TENANT, finished, prepared_database, working
 
-from tailstack.errors import SourcesChangedError
+from tailstack.errors import Problem, SourcesChangedError
 from tailstack.version import __version__
 from tailstack_service.jobs import worker
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, workers
-from tailstack_service.jobs.store.database import Database, reading, writing
+from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.processes.birth import running_code
 from turned_clock import TurnedClock
 from waiting import until
 
-ROOT = Path(__file__).parents[2]
 LEASE = 30.0  # s, by a clock that is turned
 BEAT = LEASE / worker.BEATS_PER_LEASE
 
@@ -73,20 +74,8 @@ def answer(db: Database, ended: Job) -> bytes:
     return found.body
 
 
-def problem_of(ended: Job) -> dict[str, Any]:
-    assert ended.state == "failed"
-    assert ended.problem is not None
-    return ended.problem
-
-
 def told(caplog: pytest.LogCaptureFixture, action: str) -> list[logging.LogRecord]:
     return [record for record in caplog.records if getattr(record, "action", "") == action]
-
-
-def unit_rows(db: Database, submitted: Job) -> list[Any]:
-    with reading(db) as connection:
-        query = sa.select(tables.units).where(tables.units.c.job_id == submitted.id).order_by(tables.units.c.number)
-        return list(connection.execute(query))
 
 
 @pytest.mark.long("postgresql")
@@ -135,7 +124,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
         before.setattr("tailstack_service.processes.birth.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
-    assert not job(db, submitted).is_over
+    assert not find(db, submitted).is_over
     with working(db):
         assert finished(db, submitted).state == "succeeded"
 
@@ -154,7 +143,7 @@ def test_a_cancelled_job_stops_computing_within_a_lease(
         until(lambda: not engine._begun)
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
-    assert job(db, submitted).state == "cancelled"
+    assert find(db, submitted).state == "cancelled"
 
 
 @pytest.mark.long
@@ -165,7 +154,7 @@ def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogC
         until(lambda: computes(caplog, note, 1))
         pass_a_beat(clock)
         clock.until_waits(BEAT)
-        assert not job(db, submitted).is_over
+        assert not find(db, submitted).is_over
         pass_a_beat(clock)
         ended = finished(db, submitted)
         until(lambda: not engine._begun)
@@ -209,7 +198,7 @@ def test_a_late_record_is_refused(
     with working(db):
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
-        assert job(db, submitted).units_done == 1
+        assert find(db, submitted).units_done == 1
 
 
 def test_a_code_of_the_same_version_computes_anew_and_says_so(db: Database) -> None:
@@ -262,9 +251,6 @@ def test_the_database_may_go_away_while_units_are_computed(
     db: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Every statement fails for a while: what was computed meanwhile is recorded afterwards, by the same claims."""
-    from tailstack.errors import Problem
-    from tailstack_service.problems import StoreUnavailable
-
     away = False
     rooms = {"claim": queue, "record": queue, "renew": queue, "release": queue, "report_alive": workers}
     real = {name: getattr(room, name) for name, room in rooms.items()}

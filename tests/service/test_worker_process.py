@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -14,22 +15,15 @@ from urllib.parse import urlsplit
 import psutil
 import pytest
 from postgres import Server
+from store_scenes import find, submit
 from strange_units import FUNCTION, request
-from worker_scenes import (
-    PROGRAM,
-    TENANT,
-    VERSION,
-    computing_processes,
-    job,
-    prepared_database,
-    started,
-    submit,
-    worker_process,
-)
+from worker_scenes import PROGRAM, TENANT, VERSION, prepared_database, started, worker_process
 
-from family import die_with_parent, ended
-from tailstack_service.jobs.store import workers
+import family
+from family import forked_of
+from tailstack_service.jobs.store import jobs, workers
 from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.worker import PURGE_SECONDS, HourlyPurge
 from tailstack_service.processes.birth import make_command, make_environment
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
@@ -52,8 +46,8 @@ def test_a_stop_is_clean_and_leaves_no_process(
         started([*COMMAND, "--processes", "3"], database_url, log, {}) as worker,
     ):
         until(lambda: at_work(db))
-        until(lambda: len(computing_processes(worker)) == 3)
-        beside = computing_processes(worker)
+        until(lambda: len(forked_of(worker.pid)) == 3)
+        beside = forked_of(worker.pid)
         worker.send_signal(sign)
         assert worker.wait(LIMIT_SECONDS) == code
         assert workers.list_workers(db) == []
@@ -84,8 +78,8 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     ):
         submit(db, request("burn"))
         until(lambda: at_work(db))
-        until(lambda: len(computing_processes(worker)) == 2)
-        beside = computing_processes(worker)
+        until(lambda: len(forked_of(worker.pid)) == 2)
+        beside = forked_of(worker.pid)
         raw = db.engine.raw_connection()
         try:
             raw.cursor().execute("BEGIN IMMEDIATE")
@@ -116,7 +110,8 @@ def test_a_database_that_is_not_up_yet_is_waited_for(
                 worker.terminate()
                 assert worker.wait(LIMIT_SECONDS) == 0
         finally:
-            postgres_server.restart()
+            if not postgres_server.running:
+                postgres_server.start()
 
 
 def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path) -> None:
@@ -153,47 +148,39 @@ threading.Event().wait()
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM])
 def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: signal.Signals) -> None:
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
-    with prepared_database(url) as db:
-        parent = subprocess.Popen(
-            [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env={**make_environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
-            preexec_fn=die_with_parent,
-        )  # fmt: skip
-        with ended(parent):
-            assert parent.stdout is not None
-            worker = psutil.Process(int(parent.stdout.readline()))
-            until(lambda: at_work(db))
-            # The worker, a computing process of its, and what that was forked from
-            until(lambda: len(psutil.Process(parent.pid).children(recursive=True)) == 3)
-            family = psutil.Process(parent.pid).children(recursive=True)
-            assert worker in family
-            os.kill(worker.pid, signal.SIGINT)  # a Ctrl-C in the terminal is for the parent to act on
-            after = submit(db, b"{}")
-            until(lambda: job(db, after).state != "queued")  # it still takes what there is to do
-            assert worker.is_running()
-            parent.send_signal(sign)
-            assert psutil.wait_procs(family, timeout=LIMIT_SECONDS)[1] == []
-            assert workers.list_workers(db) == []  # it had time to give back what it had
+    told = {**make_environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"}
+    with (
+        prepared_database(url) as db,
+        family.started(sys.executable, "-c", PARENT, stderr=subprocess.DEVNULL, env=told) as parent,
+    ):
+        assert parent.stdout is not None
+        worker = psutil.Process(int(parent.stdout.readline()))
+        until(lambda: at_work(db))
+        # The worker, a computing process of its, and what that was forked from
+        until(lambda: len(psutil.Process(parent.pid).children(recursive=True)) == 3)
+        members = psutil.Process(parent.pid).children(recursive=True)
+        assert worker in members
+        os.kill(worker.pid, signal.SIGINT)  # a Ctrl-C in the terminal is for the parent to act on
+        after = submit(db, b"{}")
+        until(lambda: find(db, after).state != "queued")  # it still takes what there is to do
+        assert worker.is_running()
+        parent.send_signal(sign)
+        assert psutil.wait_procs(members, timeout=LIMIT_SECONDS)[1] == []
+        assert workers.list_workers(db) == []  # it had time to give back what it had
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.jobs.store import jobs
-    from tailstack_service.jobs.worker import PURGE_SECONDS, HourlyPurge
-
     url, clock = f"sqlite:///{tmp_path / 'x.sqlite3'}", TurnedClock()
     monkeypatch.setattr("random.random", lambda: 1.0)
     with prepared_database(url, clock) as db:
         submitted = submit(db, request())
         jobs.cancel_job(db, TENANT, submitted.id)
         kept = submit(db, request())
-        purging = HourlyPurge(db, 1.0, 365.0, clock=clock)
-        try:
+        with closing(HourlyPurge(db, 1.0, 365.0, clock=clock)):
             clock.until_waits(PURGE_SECONDS)
             clock.turn(PURGE_SECONDS)  # the first time within the first hour, and the job is kept for a day
             clock.until_waits(PURGE_SECONDS)
             assert jobs.find_job(db, TENANT, submitted.id) is not None
             clock.turn(86_400.0)
             until(lambda: jobs.find_job(db, TENANT, submitted.id) is None)
-        finally:
-            purging.close()
         assert jobs.find_job(db, TENANT, kept.id) is not None

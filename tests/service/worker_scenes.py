@@ -6,27 +6,25 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-import psutil
 import strange_units
+from store_scenes import VERSION, find
+from store_scenes import submit as submit  # for who has another ``submit`` as well
 
 import family
-from family import ended, forked_of
 from tailstack_service.clock import SYSTEM_CLOCK, Clock
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.jobs.store import jobs
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
-from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.jobs.worker import Worker
 from tailstack_service.processes.birth import make_environment
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
-VERSION = "1.0"
 TENANT = "acme"
 QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
 
@@ -41,37 +39,18 @@ run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.e
 """
 
 
-def submit(db: Database, request: bytes, **changes: Any) -> Job:
-    given: dict[str, Any] = {
-        "tenant": TENANT, "kind": "verification", "design_name": "strange", "solver_version": VERSION,
-        "request_id": "request-1", "max_queued": 100_000,
-    }  # fmt: skip
-    return jobs.submit_job(db, request=request, **(given | changes))[0]
-
-
-def job(db: Database, submitted: Job) -> Job:
-    found = jobs.find_job(db, TENANT, submitted.id)
-    assert found is not None
-    return found
-
-
 def finished(db: Database, submitted: Job) -> Job:
     """The job once it has ended."""
-    until(lambda: job(db, submitted).is_over, lambda: job(db, submitted))
-    return job(db, submitted)
+    until(lambda: find(db, submitted).is_over, lambda: find(db, submitted))
+    return find(db, submitted)
 
 
 @contextmanager
 def prepared_database(url: str, clock: Clock = SYSTEM_CLOCK) -> Iterator[Database]:
     """The database with its tables, as an operator makes it."""
-    from tailstack_service.jobs.store.schema import migrate_database
-
     migrate_database(url)
-    db = open_database(url, clock=clock)
-    try:
+    with closing(open_database(url, clock=clock)) as db:
         yield db
-    finally:
-        db.close()
 
 
 @contextmanager
@@ -107,14 +86,11 @@ def working(
 
 
 @contextmanager
-def worker_process(
-    url: str, log: Path, *, function: str = strange_units.FUNCTION, version: str = VERSION, **changes: str
-) -> Iterator[subprocess.Popen[str]]:
+def worker_process(url: str, log: Path) -> Iterator[subprocess.Popen[str]]:
     """A worker as a process of its own, with the strange units; ``log`` gets its stderr."""
     told = {"TAILSTACK_LEASE_SECONDS": "1", "TAILSTACK_POLL_SECONDS": "0.01", "TAILSTACK_WORKER_PROCESSES": "2"}
-    with started(
-        [sys.executable, "-c", PROGRAM], url, log, told | {"FUNCTION": function, "VERSION": version} | changes
-    ) as process:
+    told |= {"FUNCTION": strange_units.FUNCTION, "VERSION": VERSION}
+    with started([sys.executable, "-c", PROGRAM], url, log, told) as process:
         yield process
 
 
@@ -128,13 +104,3 @@ def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) ->
         family.started(*command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, env=own) as process,
     ):
         yield process
-
-
-def end(process: subprocess.Popen[bytes]) -> None:
-    """Kill a process and those that it started."""
-    with ended(process):
-        pass
-
-
-def computing_processes(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    return forked_of(process.pid)

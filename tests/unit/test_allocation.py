@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from optimise_scenes import solve_placement
-from plain_data import EVERY
+from plain_data import EVERY, EXAMPLES, problems_of
 from tailstack import Design, DesignError, allocate, load_design, score
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem
@@ -21,8 +20,6 @@ from tailstack.optimisation.least_cost import Programme, Widths, curves_of, log_
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.request import read_request
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def example(name: str, **changes: object) -> Design:
@@ -226,9 +223,7 @@ REFUSALS: dict[str, tuple[Design, dict[str, Any], str, str]] = {
 @pytest.mark.parametrize("name", REFUSALS)
 def test_refusals(name: str) -> None:
     design, options, code, words = REFUSALS[name]
-    with pytest.raises(DesignError) as refused:
-        allocate(design, **options)
-    (problem,) = refused.value.problems
+    (problem,) = problems_of(allocate, design, error=DesignError, **options)
     assert problem.code == code
     assert words in f"{problem.detail} {problem.hint}"
 

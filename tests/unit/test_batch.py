@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 from itertools import pairwise
 from math import isnan
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plain_data import EXAMPLES, problems_of, read_cases, replaced
+from plain_data import EXAMPLES, places_of, problems_of, read_cases, replaced, value_at
 from random_designs import random_design
 from tailstack import load_design, score, score_batch
 from tailstack.batch import COLUMNS, COMPILED, IN_FULL, Batch
@@ -28,14 +27,10 @@ CLOSE = 1e-12
 
 def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
     """The document with every tolerance normal."""
-
-    def turn(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {key: "normal" if key == "distribution" else turn(value) for key, value in node.items()}
-        return [turn(item) for item in node] if isinstance(node, list) else node
-
-    changed: dict[str, Any] = turn(document)
-    return changed
+    for place in places_of(document):
+        if "distribution" in place[-1:]:
+            document = replaced(document, place, "normal")
+    return document
 
 
 NORMAL = load_design(of_normal_laws(DEMO.source.data))
@@ -44,13 +39,10 @@ BOUNDED = DEMO.with_value("interfaces.connector_flange.tolerances.tz.distributio
 PIVOT = "/interfaces/connector_flange/pivot_mm/2"
 
 
-def places_of(node: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def numbers_of(document: dict[str, Any]) -> list[tuple[Any, ...]]:
     """Where a document has numbers."""
-    if isinstance(node, dict | list):
-        for key, child in node.items() if isinstance(node, dict) else enumerate(node):
-            yield from places_of(child, (*above, key))
-    elif isinstance(node, int | float) and not isinstance(node, bool):
-        yield above
+    every = ((place, value_at(document, place)) for place in places_of(document))
+    return [place for place, value in every if isinstance(value, int | float) and not isinstance(value, bool)]
 
 
 def written(document: dict[str, Any], places: list[tuple[Any, ...]], values: list[float]) -> dict[str, Any]:
@@ -100,18 +92,11 @@ def compare(document: dict[str, Any], places: list[tuple[Any, ...]], rows: np.nd
 
 def draw_rows(rng: np.random.Generator, document: dict[str, Any], places: list[tuple[Any, ...]], count: int) -> Any:
     """Numbers near those that are there, now and then far away, or out of range."""
-    base = np.array([float(np.array(load_number(document, place))) for place in places])
+    base = np.array([value_at(document, place) for place in places])
     near = base + (0.02 * np.abs(base) + 0.05) * rng.standard_normal((count, len(base)))
-    near[:, [isinstance(place[-1], str) for place in places]] = np.abs(
-        near[:, [isinstance(p[-1], str) for p in places]]
-    )
+    named = [isinstance(place[-1], str) for place in places]
+    near[:, named] = np.abs(near[:, named])
     return np.where(rng.random(near.shape) < 0.03, near * rng.choice([-1.0, 30.0, 1e7], near.shape), near)
-
-
-def load_number(document: Any, place: tuple[Any, ...]) -> float:
-    for step in place:
-        document = document[step]
-    return float(document)
 
 
 @pytest.mark.long("0", "1", "4", "12", "16")
@@ -129,7 +114,7 @@ def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
         {"name": "tip", "limit_mm": 1.02 * p95},
         {"name": "seen", "limit_mm": 2 * p95, "error": "localisation", "quantile": 0.9},
     ][: int(rng.integers(0, 3))]
-    known = [place for place in places_of(document) if place[0] != "requirements"]
+    known = [place for place in numbers_of(document) if place[0] != "requirements"]
     if seed % 4 < 3:
         known = [place for place in known if "projection" not in place]
     if seed % 8 == 1:
@@ -155,9 +140,9 @@ def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
 )
 def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[str], way: str) -> None:
     rng = np.random.default_rng(3)
-    rows = np.array([[load_number(design.source.data, place_of(design, path)) for path in paths]]).repeat(4, axis=0)
-    rows *= 1 + 0.01 * rng.random(rows.shape)
-    found = compare(design.source.data, [place_of(design, path) for path in paths], rows, COLUMNS[:6])
+    places = [place_of(design, path) for path in paths]
+    base = np.array([value_at(design.source.data, place) for place in places])
+    found = compare(design.source.data, places, base * (1 + 0.01 * rng.random((4, len(base)))), COLUMNS[:6])
     assert found.ways[way] == 4
     assert (found.why == "") == (way == COMPILED)
 
@@ -208,8 +193,8 @@ def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, st
     places = [place_of(DEMO, path) for path in paths]
     if effects:  # every half-width of each that there is
         own = {name for kind in EFFECTS for name in kind.section.model_fields}
-        places += [each for each in places_of(document) if own & set(each) and _names_a_half_width(each)]
-    base = np.array([load_number(document, place) for place in places])
+        places += [each for each in numbers_of(document) if own & set(each) and _names_a_half_width(each)]
+    base = np.array([value_at(document, place) for place in places])
     rows = base + (0.01 * np.abs(base) + 0.01) * np.random.default_rng(5).random((3, len(base)))
     found = compare(document, places, rows, COLUMNS[:6])
     assert found.ways == {COMPILED: 3, IN_FULL: 0}
@@ -235,7 +220,7 @@ def test_a_number_of_the_execution_or_of_a_warm_seat_is_not_passed_over(design: 
     """What acts on several axes at once, and the seats about which a warm structure grows."""
     document = {**design.source.data, **({"temperature": WARM} if warm else {})}
     place = place_of(design, path)
-    rows = np.array([[load_number(document, place)], [load_number(document, place) + 5.0]])
+    rows = np.array([[value_at(document, place)], [value_at(document, place) + 5.0]])
     found = compare(document, [place], rows, COLUMNS[:4])
     assert not found.ways[IN_FULL]
     assert found.columns["p95_mm:tip"][1] != found.columns["p95_mm:tip"][0]
@@ -288,7 +273,6 @@ def test_beads_that_stand_in_a_file_have_places(tmp_path: Path) -> None:
     design = load_design(document, base_directory=tmp_path)
     found = score_batch(design, {"fiducials.points.B2.position_mm.1": [points[2][1] + 3.0]})
     expected = scored(written(NORMAL.source.data, [place_of(design, BEAD)], [points[2][1] + 3.0]))
-    assert expected is not None
     assert found.columns["p95_mm:tip"][0] == pytest.approx(expected["p95_mm:tip"], rel=CLOSE)
 
 

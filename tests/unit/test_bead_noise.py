@@ -5,14 +5,13 @@ of the grid from exact integrals of a disc over columns of pixels."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import copy
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from plain_data import problems_of, read_cases
+from plain_data import DEMO, problems_of, read_cases
 from tailstack import load_design, score, score_batch
 from tailstack.design import check_design
 from tailstack.design.bead_noise import BeadNoise, bead_noise
@@ -23,7 +22,6 @@ from tailstack.estimation.resection import project
 from tailstack.estimation.triangulation import triangulate
 from tailstack.geometry.arrays import Array
 
-DEMO = Path(__file__).parents[2] / "examples" / "demo.yaml"
 SOURCE_BEAD, SOURCE_DETECTOR, PIXEL = 700.0, 1000.0, 0.2  # mm
 PLACE = np.zeros((1, 3))
 CAMERA = np.array([[SOURCE_DETECTOR / PIXEL, 0, 0, 0], [0, SOURCE_DETECTOR / PIXEL, 0, 0], [0, 0, 1, SOURCE_BEAD]])
@@ -132,7 +130,7 @@ def test_the_pull_of_the_grid_is_that_of_whole_pixels(diameter: float, spot: flo
 
 
 def design_with(**section: Any) -> dict[str, Any]:
-    data: dict[str, Any] = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
+    data = copy.deepcopy(DEMO)
     for view in data["views"]:
         view["fiducial_noise_px"] = section
     return data

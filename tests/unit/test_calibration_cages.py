@@ -56,14 +56,13 @@ def test_a_cage_is_read_in_millimetres_and_its_beads_by_their_names_or_shapes() 
     assert read("s2,s10,x,white\n1,1,1\n", "mm", None).positions_mm == ((1.0, 1.0, 1.0),)
 
 
-@pytest.mark.parametrize("unit", ["mm", "cm"])
-def test_there_and_back_through_both_files(unit):
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1.0), ("cm", 10.0)])
+def test_there_and_back_through_both_files(unit, scale):
     labels = ("circle", "F2", "square", "cross", "triangle", "F6")
     points = tuple((1.1 * k, -7.3 + k * k, 0.1 * k) for k in range(6))
     beads = FiducialList(labels, points)
     frame = write_cage(beads, unit)
     references = write_references(beads, ("square", "circle", "triangle", "cross"), "cube.ref")
-    scale = {"mm": 1.0, "cm": 10.0}[unit]
     seen, marked = as_xmalab_reads(frame, references)
     assert [name for *_, name in seen] == list(labels)
     assert marked == {0: "circle", 2: "square", 4: "triangle", 3: "cross"}

@@ -1,7 +1,8 @@
 """The functions of docs/coming_from.md that make views of other programs' cameras, against the programs' definitions.
 
-Each definition is written out here with NumPy alone, from the programs' public documentation and sources: which pixel a
-point of their world has.  The view that the page's function makes must have it too, half a pixel and mirrors included.
+Each definition is written out here with NumPy and SciPy's rotations, from the programs' public documentation and
+sources: which pixel a point of their world has.  The view that the page's function makes must have it too, half a pixel
+and mirrors included.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tailstack.design import compile_design, load_design
 
@@ -27,6 +29,7 @@ OTHER = {"name": "other", "preset": "siemens-cios-fusion", "source_isocentre_mm"
 # A quarter turn about x, then 0.3 rad about the camera's own z: con's y runs away from the source.
 TILT = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
 ROTATION = TILT @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+TURN = Rotation.from_matrix(ROTATION)
 SHIFT = np.array([4.0, -7.0, 690.0])
 K = np.array([[5200.0, 0, 770.0], [0, 5190.0, 760.0], [0, 0, 1]])
 
@@ -55,23 +58,9 @@ def image(points):
     return seen[:, :2] / seen[:, 2:]
 
 
-def turn_of(rotation):
-    """Axis times angle, from the matrix."""
-    angle = np.arccos((np.trace(rotation) - 1) / 2)
-    skew = (rotation - rotation.T) / (2 * np.sin(angle))
-    return angle * np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
-
-
-def quaternion_of(rotation):
-    """Scalar first, from axis and angle."""
-    turn = turn_of(rotation)
-    angle = np.linalg.norm(turn)
-    return np.append(np.cos(angle / 2), np.sin(angle / 2) * turn / angle)
-
-
 def test_opencv():
     """published: s p = K [R | t] X, R the Rodrigues rotation of rvec; here of object points in metres."""
-    view = FUNCTIONS["from_opencv"](K.tolist(), turn_of(ROTATION)[:, None], SHIFT[:, None] / 1000, mm=1000.0)
+    view = FUNCTIONS["from_opencv"](K.tolist(), TURN.as_rotvec()[:, None], SHIFT[:, None] / 1000, mm=1000.0)
     check(view, image(BEADS @ ROTATION.T + SHIFT))
 
 
@@ -79,7 +68,7 @@ def test_colmap():
     """published: images.txt holds the projection from world to camera, QW first; pixel (0.5, 0.5) is the centre of the
     first one, which is (0, 0) here."""
     pinhole = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5]
-    view = FUNCTIONS["from_colmap"](pinhole, quaternion_of(ROTATION).tolist(), (SHIFT / 25).tolist(), mm=25.0)
+    view = FUNCTIONS["from_colmap"](pinhole, TURN.as_quat(scalar_first=True).tolist(), (SHIFT / 25).tolist(), mm=25.0)
     theirs = image((BEADS / 25) @ ROTATION.T + SHIFT / 25) + 0.5
     check(view, theirs - 0.5)
 

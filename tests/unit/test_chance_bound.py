@@ -8,17 +8,12 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from tailstack.geometry.arrays import Array
+from laws import linear_law
 from tailstack.optimisation.chance_bound import _kites, raise_quantile
 from tailstack.optimisation.global_bound import FREQUENCY, spread_directions
-from tailstack.tail.declared import LinearLaw
 
 NET = spread_directions(FREQUENCY)
-
-
-def round_law(columns: Array | None = None) -> LinearLaw:
-    told = np.zeros((3, 0)) if columns is None else columns
-    return LinearLaw(np.zeros(3), np.eye(3), told, np.zeros(told.shape[1], dtype=np.int64))
+ROUND = np.zeros(3), np.eye(3)
 
 
 def with_uniform(half_width: float) -> float:
@@ -36,7 +31,7 @@ def test_it_is_below_every_law_of_that_mean_square_and_near(variance: float, sha
     """independent: noncentral chi-square laws.  A uniform displacement along one line, and normal ones along three, of
     one mean square; the one is nearly the worst that a fourth moment allows, the others nearly the best."""
     bare = float(np.sqrt(chi2.ppf(0.95, 3)))
-    raised = raise_quantile(round_law(), 0.95, bare, lambda weight: float(variance * np.trace(weight)), NET)
+    raised = raise_quantile(linear_law(*ROUND), 0.95, bare, lambda weight: float(variance * np.trace(weight)), NET)
     line, space = with_uniform(3 * np.sqrt(variance)), bare * np.sqrt(1 + variance)
     assert bare < raised < min(line, space)
     assert raised - bare > share * (space - bare)
@@ -48,15 +43,15 @@ def test_what_is_known_in_part_of_the_law_is_below_all_of_it() -> None:
     column = np.zeros((3, 1))
     column[1] = half_width
     bare = float(np.sqrt(chi2.ppf(0.95, 3)))
-    known = raise_quantile(round_law(), 0.95, bare, lambda weight: float(weight[1, 1]) * half_width**2 / 3, NET)
+    known = raise_quantile(linear_law(*ROUND), 0.95, bare, lambda weight: float(weight[1, 1]) * half_width**2 / 3, NET)
     assert bare < known <= with_uniform(half_width)
     other = 0.05
-    both = raise_quantile(round_law(column), 0.95, known, lambda weight: float(other * np.trace(weight)), NET)
+    both = raise_quantile(linear_law(*ROUND, column), 0.95, known, lambda weight: float(other * np.trace(weight)), NET)
     assert known < both
 
 
 def test_nothing_known_raises_nothing() -> None:
-    assert raise_quantile(round_law(), 0.95, 2.0, lambda weight: 0.0, NET) == 2.0
+    assert raise_quantile(linear_law(*ROUND), 0.95, 2.0, lambda weight: 0.0, NET) == 2.0
 
 
 def test_tangents_cover_every_direction() -> None:

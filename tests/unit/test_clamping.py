@@ -30,14 +30,9 @@ SEAT = [5.0, -3.0, -90.0]
 
 def test_all_beads_in_one_clamping_that_turn_and_shift_are_a_seat_that_does():
     """closed_form: images see where beads are, whoever has put them there."""
-    common = {"common": [{"pivot_mm": SEAT, "tolerances": TORSOR}]}
-    by_drill, by_seat = (
-        score(load_design(data)).targets[0]
-        for data in (
-            alone(fiducials=common),
-            alone(interfaces={"structure_connector": {"pivot_mm": SEAT, "tolerances": TORSOR}}),
-        )
-    )
+    moved = {"pivot_mm": SEAT, "tolerances": TORSOR}
+    by_drill = score(load_design(alone(fiducials={"common": [moved]}))).targets[0]
+    by_seat = score(load_design(alone(interfaces={"structure_connector": moved}))).targets[0]
     np.testing.assert_allclose(by_drill.covariance_mm2, by_seat.covariance_mm2, rtol=1e-9, atol=1e-14)
     lines = [{line.component: line.variance_share for line in each.contributors} for each in (by_drill, by_seat)]
     assert lines[0] == pytest.approx(lines[1], rel=1e-9)

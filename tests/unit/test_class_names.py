@@ -13,10 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from family import run_process
+from family import ROOT, run_process
 from waiting import LIMIT_SECONDS
 
-ROOT = Path(__file__).parents[2]
 CLASS = re.compile(r" *class (\w+)[(:\[]")  # by lines: to parse all sources takes seconds
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from plain_data import DEMO, problems_of
+from plain_data import DEMO, problems_of, replaced
 from tailstack import DesignFunction, load_design, score, score_batch, verify
 from tailstack.design import compile_design
 from tailstack.errors import DesignError, TailstackError
@@ -55,19 +56,9 @@ def document_of(rng: np.random.Generator, covariances: dict[str, Array]) -> dict
     }
 
 
-def turns(angles_rad: Array) -> Array:
-    """(n, 3) to Rx Ry Rz (n, 3, 3), written plainly."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(angles_rad).T, np.sin(angles_rad).T
-    o, i = np.zeros_like(cx), np.ones_like(cx)
-    x, y, z = (
-        np.stack(rows, -1).reshape(-1, 3, 3)
-        for rows in (
-            [i, o, o, o, cx, -sx, o, sx, cx],
-            [cy, o, sy, o, i, o, -sy, o, cy],
-            [cz, -sz, o, sz, cz, o, o, o, i],
-        )
-    )
-    return x @ y @ z
+def turns(angles_deg: Array) -> Array:
+    """(n, 3) to Rx Ry Rz (n, 3, 3), by SciPy."""
+    return Rotation.from_euler("XYZ", angles_deg, degrees=True).as_matrix()
 
 
 def rows_of(beads: Array, images: Array, aim: Array) -> tuple[Array, float]:
@@ -100,7 +91,7 @@ def errors_of(
     def move(name: str, pivot: Any, points: Array) -> Array:
         """(n, m, 3) points, each trial's by an error of its own."""
         drawn = rng.multivariate_normal(np.zeros(6), covariances[name], n, method="svd")
-        turned = np.einsum("nij,nmj->nmi", turns(np.deg2rad(drawn[:, :3])), points - np.array(pivot))
+        turned = np.einsum("nij,nmj->nmi", turns(drawn[:, :3]), points - np.array(pivot))
         return turned + np.array(pivot) + drawn[:, None, 3:]
 
     def noise(view: dict[str, Any], kind: str, *size: int) -> Array:
@@ -175,7 +166,7 @@ def two_clampings(rng: np.random.Generator, n: int) -> tuple[dict[str, Any], Arr
         common.append(entry if pivot is None else entry | {"pivot_mm": pivot})
         off = rng.multivariate_normal(np.zeros(6), covariance, n, method="svd")
         grown = (1 + rng.normal(0, 0.001, (n, 1, 1))) * (beads[own] - about)
-        made[:, own] = np.einsum("nij,nmj->nmi", turns(np.deg2rad(off[:, :3])), grown) + about + off[:, None, 3:]
+        made[:, own] = np.einsum("nij,nmj->nmi", turns(off[:, :3]), grown) + about + off[:, None, 3:]
     document["fiducials"]["common"] = common
     return document, errors_of(document, STILL, n, rng, made)
 
@@ -213,12 +204,8 @@ def test_covariance_is_that_of_a_chain_drawn_here_on_eight_designs(drawn, run_se
         check_moments(document, errors, run_seed + 100 + seed, DRAWN[drawn])
 
 
-def with_hand_eye(tolerances: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return {
-        **DEMO,
-        **more,
-        "execution": {**DEMO["execution"], "hand_eye": {"pivot_mm": [20, 10, -80], "tolerances": tolerances}},
-    }
+def with_hand_eye(tolerances: dict[str, Any]) -> dict[str, Any]:
+    return replaced(DEMO, ("execution", "hand_eye"), {"pivot_mm": [20, 10, -80], "tolerances": tolerances})
 
 
 def normal(name: str, size: float = 0.1) -> dict[str, Any]:
@@ -294,8 +281,8 @@ def test_components_that_are_correlated_are_told_together():
     assert lines["rx+ty"].p95_without_mm == pytest.approx(left.p95_mm, rel=1e-3)
 
 
-def refused(tolerances: dict[str, Any], **more: Any) -> tuple[str, str, str]:
-    (problem,) = problems_of(lambda: compile_design(load_design(with_hand_eye(tolerances, **more))), error=DesignError)
+def refused(tolerances: dict[str, Any]) -> tuple[str, str, str]:
+    (problem,) = problems_of(lambda: compile_design(load_design(with_hand_eye(tolerances))), error=DesignError)
     return problem.pointer, problem.code, f"{problem.detail} | {problem.hint}"
 
 
@@ -349,8 +336,7 @@ def test_a_matrix_of_another_shape_is_refused():
 
 
 def seated(tolerances: dict[str, Any], **more: Any) -> dict[str, Any]:
-    seat = {**DEMO["interfaces"]["connector_flange"], "tolerances": tolerances}
-    return {**DEMO, **more, "interfaces": {**DEMO["interfaces"], "connector_flange": seat}}
+    return replaced(DEMO | more, ("interfaces", "connector_flange", "tolerances"), tolerances)
 
 
 TIED = FREE | {"correlation": [pair("rx", "ty", -0.9)]}
@@ -377,8 +363,7 @@ def test_derivatives_by_a_width_of_a_correlated_component_are_refused_by_name():
 def test_the_optimiser_refuses_to_free_a_correlated_width_and_leaves_it_where_all_are_free():
     free = {"interface": "connector_flange", "component": "ty", "min_mm": 0.01, "max_mm": 0.5}
     (problem,) = problems_of(load_design, seated(TIED, optimise={"tolerances": [free]}))
-    found = problem.pointer, problem.code
-    assert found == ("/optimise/tolerances/0", "correlated")
+    assert (problem.pointer, problem.code) == ("/optimise/tolerances/0", "correlated")
     bounds = {"rotation_bounds": {"min_deg": 0.01, "max_deg": 0.5}}
     every = read_request(load_design(seated(TIED, optimise=bounds))).problem.half_widths
     assert [each.component for each in every if each.contributor == "connector_flange"] == ["ry", "rz"]
@@ -386,9 +371,8 @@ def test_the_optimiser_refuses_to_free_a_correlated_width_and_leaves_it_where_al
 
 def test_the_gate_reads_half_widths_of_a_covariance():
     matrix = np.diag([0.05**2] * 3 + [0.02**2] * 3)
-    found = {
-        each.name: each for each in list_tolerances(load_design(with_hand_eye({"covariance_deg_mm": matrix.tolist()})))
-    }
+    design = load_design(with_hand_eye({"covariance_deg_mm": matrix.tolist()}))
+    found = {each.name: each for each in list_tolerances(design)}
     assert found["hand_eye.rx"].half_width == pytest.approx(0.1)
     assert found["hand_eye.tz"].half_width == pytest.approx(0.04)
     assert found["hand_eye.tz"].pointer == "/execution/hand_eye/tolerances/covariance_deg_mm"

@@ -45,8 +45,7 @@ LAT_ROWS = [[0, 1, 0], [0, 0, -1], [-1, 0, 0]]
 
 
 def quaternion(rows):
-    x, y, z, w = Rotation.from_matrix(rows).as_quat()
-    return [w, x, y, z]
+    return Rotation.from_matrix(rows).as_quat(scalar_first=True).tolist()
 
 
 def angles_deg(rows):
@@ -134,17 +133,14 @@ def test_what_is_known_of_intrinsics_and_how_wrong_it_is():
 
 
 def test_laws_and_coverage_factors():
-    seat = copy.deepcopy(DEMO["interfaces"]["structure_connector"])
-    seat["tolerances"] = {
+    tolerances = {
         "rx": {"half_width_deg": 0.3, "distribution": "normal", "coverage_factor": 3},
         "rz": {"half_width_deg": 0.2, "distribution": "normal"},
         "ty": {"half_width_mm": 0.6, "distribution": "triangular"},
         "tz": {"half_width_mm": 0.6, "distribution": "bounded"},
     }
-    data = {key: value for key, value in DEMO.items() if key != "optimise"}
-    sources = compile_design(
-        load_design({**data, "interfaces": {"structure_connector": seat}})
-    ).structure_connector.sources
+    seat = DEMO["interfaces"]["structure_connector"] | {"tolerances": tolerances}
+    sources = system_with(interfaces={"structure_connector": seat}, optimise=None).structure_connector.sources
     assert sources.names == ("rx", "rz", "ty", "tz")
     assert sources.laws == (Law.NORMAL, Law.NORMAL, Law.TRIANGULAR, Law.BOUNDED)
     closed_form = [np.deg2rad(0.1), np.deg2rad(0.1), 0.6 / np.sqrt(6), 0.0]
@@ -159,13 +155,7 @@ def test_load_and_scatter_become_execution_sources():
                        "load_half_width_n": 2, "distribution": "bounded"},
     }  # fmt: skip
     system = system_with(execution=execution)
-    assert system.execution.sources.names == (
-        "repeatability.x",
-        "repeatability.y",
-        "repeatability.z",
-        "load.x",
-        "load.z",
-    )
+    assert system.execution.sources.names == (*(f"repeatability.{axis}" for axis in "xyz"), "load.x", "load.z")
     assert system.execution.sources.units == ("mm", "mm", "mm", "N", "N")
     np.testing.assert_allclose(system.execution.known, [0.092, 0, 0.0], atol=1e-16)
     np.testing.assert_array_equal(system.execution.sources.direction[:, 3:], [[0.01, 0.002], [0, 0], [0.002, 0.005]])

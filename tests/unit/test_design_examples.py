@@ -163,9 +163,9 @@ def test_hash_sees_the_fiducial_file(tmp_path):
     assert before == load_design(EXAMPLES / path.name).sha256
     beads = tmp_path / "copy" / "fiducials" / "marker8.csv"
     beads.write_text(beads.read_text().replace("M8,5.4", "M8,5.5"))
-    assert load_design(path).sha256 != before
+    changed = load_design(path).sha256
     path.write_text(path.read_text() + "\n# a comment is not content\n")
-    assert load_design(path).sha256 == load_design(path).sha256 != before
+    assert load_design(path).sha256 == changed != before
 
 
 ALL_DESIGNS = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
@@ -233,11 +233,7 @@ def test_sections_that_are_left_out_are_those_that_hold_nothing():
 
 SCHEMA = design_json_schema()
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
-
-
-def records():
-    yield "design", SCHEMA
-    yield from SCHEMA["$defs"].items()
+RECORDS = [pair for pair in (("design", SCHEMA), *SCHEMA["$defs"].items()) if "properties" in pair[1]]
 
 
 def test_schema_is_a_schema_without_null():
@@ -245,7 +241,7 @@ def test_schema_is_a_schema_without_null():
     assert "null" not in str(SCHEMA)
 
 
-@pytest.mark.parametrize(("name", "record"), [pair for pair in records() if "properties" in pair[1]])
+@pytest.mark.parametrize(("name", "record"), RECORDS)
 def test_every_field_is_described_and_every_plain_one_has_an_example(name, record):
     assert record["additionalProperties"] is False
     assert record.get("description")
@@ -255,7 +251,7 @@ def test_every_field_is_described_and_every_plain_one_has_an_example(name, recor
         assert not plain or spec.get("examples"), f"{name}.{field} has no example"
 
 
-@pytest.mark.parametrize(("name", "record"), [pair for pair in records() if "properties" in pair[1]])
+@pytest.mark.parametrize(("name", "record"), RECORDS)
 def test_examples_in_the_schema_are_valid(name, record):
     for field, spec in record["properties"].items():
         for example in spec.get("examples", ()):
@@ -265,11 +261,7 @@ def test_examples_in_the_schema_are_valid(name, record):
 
 # A design written from the schema alone: each required field with its own first example.
 def minimal(record):
-    made = {}
-    for field in record.get("required", ()):
-        spec = record["properties"][field]
-        made[field] = spec["examples"][0] if "examples" in spec else None
-    return made
+    return {field: record["properties"][field].get("examples", [None])[0] for field in record.get("required", ())}
 
 
 def test_a_design_made_from_the_schema_alone():

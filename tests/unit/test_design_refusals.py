@@ -46,9 +46,7 @@ def test_refusal_names_place_rule_value_and_cure(path, value, pointer, code, wor
 @pytest.mark.parametrize("name", ["image_feild", "detector_tild"])
 def test_a_misspelt_name_is_no_unit(name):
     """Only a name that ends in another unit is told to convert its number."""
-    data = replaced(DEMO, ("name",), "x")
-    data["views"][0][name] = {}
-    (problem,) = refused(data)
+    (problem,) = refused(replaced(DEMO, ("views", 0, name), {}))
     assert problem.code == "unknown-field"
     assert "did you mean" in problem.hint
     assert "convert" not in problem.hint

@@ -113,7 +113,6 @@ def test_the_unit_is_that_of_the_file_and_noted(unit: str, factor: float, symbol
     reading = read(text_of(ONE, unit=unit))
     assert np.allclose(reading.fiducials.positions_mm, [[10 * factor, 20 * factor, 30 * factor]], rtol=1e-14)
     assert reading.bodies[0].diameter_mm == pytest.approx(3 * factor)
-    assert reading.fiducials.origin is not None
     assert reading.fiducials.origin.coordinate_unit == symbol
     assert note in " ".join(reading.notes)
 
@@ -227,10 +226,7 @@ def test_a_turned_circle_is_a_ball_where_it_closes_and_one_given_twice_is_taken_
     assert read(text_of(data)).fiducials.positions_mm == ((value, -value / 3, value / 7),)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
-    read_cases("tables", "step"),
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "line", "words"), read_cases("tables", "step"))
 def test_a_file_that_lies_is_refused_at_its_line(old: str, new: str, line: int, words: str) -> None:
     text = text_of(ONE).decode()
     if not words:
@@ -339,7 +335,6 @@ def test_a_base_keeps_everything_but_the_fiducials() -> None:
     assert design.document.targets == base.document.targets
     assert min(x for x, _, _ in design.fiducials.positions_mm) == -39.0
     seat = design.document.interfaces.structure_connector
-    assert seat is not None
     assert [locator.name for locator in seat.locators or ()] == ["S1", "S2", "S3", "P1.u", "P1.v", "P2.v"]
     assert any("half-width 0.02 mm" in note for note in made.notes)
     again = convert(shifted, "a.step", "b.yaml", base=design, selection=StepSelection(seats="S*", pins="P*"))
@@ -371,8 +366,7 @@ def read_file(file: str, **more: Any) -> StepReading:
 
 
 def expected(name: str) -> dict[str, Any]:
-    found: dict[str, Any] = EXPECTED[name.partition("_")[2].removesuffix(".step")]
-    return found
+    return EXPECTED[name.partition("_")[2].removesuffix(".step")]
 
 
 def match(found: Any, wanted: Any) -> list[int]:

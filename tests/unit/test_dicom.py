@@ -6,7 +6,6 @@ rotations of scipy, the image turned and flipped as an array is."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,13 @@ from pydicom import uid
 from scipy.spatial.transform import Rotation
 
 from dicom_files import GEOMETRY, PATIENT, write_image
+from plain_data import EXAMPLES, problems_of
 from tailstack import load_design
 from tailstack.design.compile import compile_design
 from tailstack.errors import DesignError, TailstackError
 from tailstack.integrations.dicom import NEEDED, TAGS, convert_shots, read_shot
 
-DEMO = Path(__file__).parents[2] / "examples" / "demo.yaml"
+DEMO = EXAMPLES / "demo.yaml"
 
 
 def project(points: np.ndarray, tags: Mapping[str, Any]) -> np.ndarray:
@@ -56,8 +56,7 @@ ACQUISITIONS: list[dict[str, Any]] = [
     {"FieldOfViewRotation": "270", "FieldOfViewHorizontalFlip": "YES", "DistanceSourceToDetector": "1195.5"},
     {"DistanceSourceToPatient": "613.25", "FieldOfViewRotation": "90", "FieldOfViewHorizontalFlip": "YES"},
 ]
-SYNTAXES = [uid.ExplicitVRLittleEndian, uid.ImplicitVRLittleEndian, uid.JPEGLosslessSV1,
-            uid.ExplicitVRBigEndian]  # fmt: skip
+SYNTAXES = [uid.ExplicitVRLittleEndian, uid.ImplicitVRLittleEndian, uid.JPEGLosslessSV1, uid.ExplicitVRBigEndian]
 
 
 def test_ten_acquisitions_give_the_projections_that_made_them() -> None:
@@ -86,9 +85,8 @@ def test_an_image_in_other_encodings_is_the_same_shot() -> None:
 
 @pytest.mark.parametrize("missing", [*([keyword] for keyword in NEEDED), [*NEEDED]])
 def test_missing_tags_are_named_at_once_and_not_guessed(missing: list[str]) -> None:
-    with pytest.raises(DesignError) as refusal:
-        read_shot(write_image(**dict.fromkeys(missing)), "a.dcm")
-    for keyword, problem in zip(missing, refusal.value.problems, strict=True):
+    problems = problems_of(read_shot, write_image(**dict.fromkeys(missing)), "a.dcm", error=DesignError)
+    for keyword, problem in zip(missing, problems, strict=True):
         number = f"({TAGS[keyword] >> 16:04X},{TAGS[keyword] & 0xFFFF:04X})"
         assert (problem.detail, problem.file) == (f"{keyword} {number} is missing", "a.dcm")
         assert NEEDED[keyword][2] in problem.hint

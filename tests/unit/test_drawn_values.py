@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from plain_data import EXAMPLES, problems_of
+from plain_data import EVERY, problems_of, replaced
 from tailstack import score
 from tailstack.design import load_design
 from tailstack.design.iso286 import find_grade
@@ -20,7 +19,7 @@ from tailstack.optimisation.problem import Choice, present_choice
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.terms import every_terms
 
-SEAT = yaml.safe_load((EXAMPLES / "dowelled_seat.yaml").read_text())
+SEAT = EVERY["dowelled_seat"]
 FREED: list[dict[str, Any]] = [
     {"interface": "structure_connector", "component": "face flatness",
      "grades": [{"zone_mm": 0.02, "price": 30}, {"zone_mm": 0.05, "price": 15}, {"zone_mm": 0.1, "price": 9}]},
@@ -35,8 +34,7 @@ FIELD = {"flatness": "flatness_mm", "fit": "fit", "position": "true_position_mm"
 
 
 def asking(limit_mm: float = 0.7, **optimise: Any) -> Any:
-    data = copy.deepcopy(SEAT)
-    data["requirements"][0]["limit_mm"] = limit_mm
+    data = replaced(SEAT, ("requirements", 0, "limit_mm"), limit_mm)
     return data | {"optimise": {"tolerances": FREED, **optimise}}
 
 

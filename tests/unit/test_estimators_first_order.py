@@ -14,6 +14,7 @@ from reference_chain import run
 from scenes import (
     cube_fiducials,
     mount,
+    projection_looking,
     random_rigid,
     random_system,
     read_only,
@@ -21,6 +22,7 @@ from scenes import (
     target,
     with_intrinsics,
     with_noise,
+    with_unseen,
 )
 from tailstack import load_design, score
 from tailstack.errors import OutOfRangeError
@@ -71,26 +73,16 @@ def test_the_published_table_to_its_printed_digits(row):
         assert f"Target pixels alone make {p95_mm(perfect):.3f}." in PAGE
 
 
-@pytest.mark.long(
-    "pose-normalised",
-    "pose-weighted",
-    "pose-reprojection",
-    "pose_with_prior-normalised",
-    "pose_with_prior-weighted",
-    "pose_with_prior-reprojection",
-    "reprojection-normalised",
-    "reprojection-reprojection",
-)
+@pytest.mark.long(but=("dlt-normalised", "dlt-weighted", "dlt-reprojection", "reprojection-weighted"))
 @pytest.mark.parametrize("form", [Triangulation.NORMALISED, Triangulation.WEIGHTED, Triangulation.REPROJECTION])
 @pytest.mark.parametrize("estimator", list(Estimator))
 def test_every_gain_equals_the_finite_difference_of_the_plain_estimator(estimator, form):
     """independent: central differences of Gauss-Newton by QR in another parametrisation, Richardson's step pair."""
     reading = Reading.EQ18 if estimator is Estimator.POSE else Reading.PHYSICAL
     system = random_system(np.random.default_rng(7), fiducials=9, views=3, reading=reading)
-    views = (*system.views[:2], replace(system.views[2], fiducial_noise_px=1.1, target_noise_px=0.2))
-    labels = system.fiducial_labels
-    views = (views[0], replace(views[1], sees=labels[1:]), views[2])
-    system = knowing(replace(system, estimator=estimator, triangulation=form, views=views), 0.01, 5.0)
+    loud = replace(system.views[2], fiducial_noise_px=1.1, target_noise_px=0.2)
+    system = with_unseen(replace(system, views=(*system.views[:2], loud)), 1, system.fiducial_labels[:1])
+    system = knowing(replace(system, estimator=estimator, triangulation=form), 0.01, 5.0)
     aim = system.targets[0]
     model = linearise(system, aim)
     assert ("assumed_intrinsics:view0" in {b.contributor for b in model.blocks}) == estimator.believes_intrinsics
@@ -170,8 +162,6 @@ def test_first_order_turns_with_the_structure_follows_units_and_does_not_feel_a_
 def test_weights_at_unequal_depth():
     """published: source distances of 500 and 800 mm give P95 0.2448 mm with rows weighted by depth; least squares of
     images differ by some per cent, and weighing each view by what is known of it is best of all."""
-    from scenes import projection_looking
-
     views = tuple(
         replace(view, projection=projection_looking(angle, depth))
         for view, angle, depth in zip(with_noise(0.5), (0.0, np.pi / 2), (500.0, 800.0), strict=True)
@@ -226,7 +216,6 @@ def test_the_budget_has_a_line_for_each_assumed_intrinsic_in_its_unit():
     assert (focal.half_width, focal.unit, centre.half_width, centre.unit) == (pytest.approx(1.0), "%", 10.0, "px")
     assert focal.label == "assumed intrinsics, view0"
     assert focal.variance_share > 0
-    assert not any(name.startswith("assumed") for name, _ in lines if Estimator.DLT is cube.estimator)
 
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -249,7 +238,6 @@ def test_the_published_figures_stand_side_by_side():
     ]  # fmt: skip
     assert round(found["pose"].p95_exact_mm or 0, 4) == 0.2985
     for case in study.cases:
-        assert case.simulated_interval_mm is not None
         low, high = case.simulated_interval_mm
         assert low * 0.99 < (case.p95_mm or 0) < high * 1.03
     assert "from 1.000 to 0.300 mm (-70 %)" in study.conclusions[0]
@@ -260,7 +248,6 @@ def test_a_structure_of_the_size_it_names_does_as_well():
     system = system_of(cube_fiducials(20), views=with_noise(0.5))
     study = study_estimators(system)
     case = next(case for case in study.cases if case.estimator == "pose_with_prior")
-    assert case.same_size_mm is not None
     assert study.extent_mm == pytest.approx(40 * np.sqrt(3))
     scale = case.same_size_mm / study.extent_mm
     centre = system.fiducials_mm.mean(axis=0)

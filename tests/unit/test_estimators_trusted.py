@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
+from plain_data import EXAMPLES
 from scenes import (
     cube_fiducials,
     mount,
@@ -170,7 +171,6 @@ def test_a_known_error_of_intrinsics_counts_three_times_far_away(radii, times):
     points = system.fiducials_mm
     away = radii * np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
     system = replace(system, targets=(target(points.mean(axis=0) + np.array([0.0, 0.0, away])),))
-    assert INTRINSICS_ERROR.limits is not None
     (limit,) = INTRINSICS_ERROR.limits(system)
     assert isinstance(limit, Proportional)
     assert limit.size == pytest.approx(0.02 * times)
@@ -264,21 +264,18 @@ class Row(NamedTuple):
         return 0.0 if found is None or self.status == "not valid" else found[1]
 
 
-def rows() -> list[Row]:
-    with DIGEST.open(encoding="utf-8") as file:
-        return [
-            Row(
-                row["form"], int(row["views"]), int(row["fiducials"]), float(row["radii"]), float(row["rays_deg"]),
-                row["status"],
-                tuple(float(row[name]) for name in ("depth", "crossing", "disagreement", "gap", "range")),
-                float(row["turns"]), float(row["bias"]), float(np.log1p(float(row["error_percent"] or "nan") / 100)),
-                float(row["deviation_percent"] or "nan") / 100,
-            )
-            for row in csv.DictReader(file)
-        ]  # fmt: skip
+with DIGEST.open(encoding="utf-8") as file:
+    ROWS = [
+        Row(
+            row["form"], int(row["views"]), int(row["fiducials"]), float(row["radii"]), float(row["rays_deg"]),
+            row["status"],
+            tuple(float(row[name]) for name in ("depth", "crossing", "disagreement", "gap", "range")),
+            float(row["turns"]), float(row["bias"]), float(np.log1p(float(row["error_percent"] or "nan") / 100)),
+            float(row["deviation_percent"] or "nan") / 100,
+        )
+        for row in csv.DictReader(file)
+    ]  # fmt: skip
 
-
-ROWS = rows()
 CLASSES: dict[str, Callable[[Row], object]] = {
     "triangulation": lambda row: row.form.partition("+")[2],
     "estimator": lambda row: row.form.partition("+")[0],
@@ -351,11 +348,8 @@ def test_the_first_designs_of_the_sample_are_drawn_again(study: ModuleType, tmp_
             assert old == new or float(old) == pytest.approx(float(new), rel=1e-3, abs=1e-6)
 
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "small_cluster_far_target.yaml"
-
-
 def test_an_unknown_upper_end_is_null_and_never_passes() -> None:
-    data = design_to_data(load_design(EXAMPLE))
+    data = design_to_data(load_design(EXAMPLES / "small_cluster_far_target.yaml"))
     data["requirements"] = [
         {"name": "lenient", "limit_mm": 5000.0},
         {"name": "units", "limit_mm": 5000.0, "risk": "per_unit", "min_yield": 0.9},

@@ -11,25 +11,22 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import yaml
 from scipy.optimize import linprog
 
-from plain_data import EXAMPLES, problems_of, read_cases
+from plain_data import EVERY, problems_of, read_cases
 from tailstack import score
 from tailstack.design import compile_design, load_design
 from tailstack.design.features import spread_sum
 from tailstack.design.iso286 import BELOW_UM, M_UM, STEPS_MM, WIDTHS_UM, find_deviations
 
-SEAT = yaml.safe_load((EXAMPLES / "dowelled_seat.yaml").read_text())
+SEAT = EVERY["dowelled_seat"]
 PIVOT = np.array(SEAT["interfaces"]["structure_connector"]["pivot_mm"], dtype=float)
 
 
 def seat_of(stated, **interface):
     """The example with these features."""
-    data = copy.deepcopy(SEAT)
     held = {"pivot_mm": PIVOT.tolist(), "features": stated, **interface}
-    data["interfaces"] = {"structure_connector": held}
-    return data
+    return SEAT | {"interfaces": {"structure_connector": held}}
 
 
 def mount_of(features):
@@ -49,8 +46,7 @@ def test_limits_are_those_of_the_standard(tolerance_class, diameter, upper, lowe
 def test_tables_follow_the_formulas_of_the_standard():
     """closed_form: ISO 286-1, i = 0.45 D^(1/3) + 0.001 D, deviations by powers of D; what the committee rounded is
     within 8 % or 1.1 um of that, above 3 mm."""
-    edges = [(low * high) ** 0.5 for low, high in pairwise(STEPS_MM)]
-    d = np.array(edges)
+    d = np.array([(low * high) ** 0.5 for low, high in pairwise(STEPS_MM)])
     unit = 0.45 * np.cbrt(d) + 0.001 * d
     factors = zip(WIDTHS_UM, (7, 10, 16, 25, 40, 64, 100), strict=True)
     expected = {str(grade): factor * unit for grade, factor in factors}
@@ -255,16 +251,12 @@ def find_supports(zones, largest, ways=TORSOR):
     heights = iter(np.eye(floating))
     for (contacts, _, _, middle), half in zip(zones, largest, strict=True):
         base = displacement_rows(contacts)
-        if len(contacts) == 1:
-            block = np.vstack([base, -base])
-            bounds = [half + middle, half - middle]
-        elif len(contacts) == 2:
+        block = np.vstack([base, -base])
+        bounds = [half + middle] * len(base) + [half - middle] * len(base)
+        if len(contacts) == 2:
             angles = np.arange(64) * np.pi / 32
             block = np.column_stack([np.cos(angles), np.sin(angles)]) @ base
             bounds = [half] * 64
-        else:
-            block = np.vstack([base, -base])
-            bounds = [half] * len(block)
         free = next(heights) if len(contacts) > 2 else np.zeros(floating)
         sign = np.concatenate([-np.ones(len(base)), np.ones(len(base))]) if len(contacts) > 2 else np.zeros(len(block))
         rows.append(np.hstack([block, np.outer(sign, free)]))

@@ -47,10 +47,6 @@ UNITS = {"mm": PER_MM, "deg": PER_DEG, "n": PER_N, "k": PER_K, "mm_per_n": PER_M
 COMPOUND = {"n": "per_n", "k": "per_m_k", "mm": "mm_per"}
 
 
-def scaled(value: Any, factor: float) -> Any:
-    return [scaled(each, factor) for each in value] if isinstance(value, list) else factor * value
-
-
 def obey(problem: Problem, data: dict[str, Any]) -> dict[str, Any]:
     """The record after its fix, whose new line is that of the hint."""
     (removed, added) = problem.fix
@@ -74,7 +70,7 @@ def test_every_number_under_a_name_of_another_unit_is_converted() -> None:
     """Each field of each record of the document, each unit of its kind: obeyed, the number is what it was."""
     assert {slip[1] for slip in SLIPS} >= {"half_width_deg", "limit_mm", "load_n", "matrix_mm_per_n"}
     for record, field, name, value, factor in SLIPS:
-        data = {name: scaled(value, factor)}
+        data = {name: (factor * np.array(value)).tolist()}
         problem = next(each for each in refused(record, data) if each.pointer == f"/{name}")
         assert field in problem.hint, (record, name, problem.hint)
         after = obey(problem, data)

@@ -46,7 +46,6 @@ MISSED = replaced(DEMO, ("fiducials", "loss_probability"), 0.02)
 def test_a_score_has_them_of_what_decides(design: Any) -> None:
     """The order 0.95 is among the fifty; those beyond the limit are fifty times its probability, rounded."""
     found = score(load_design(design), losses=False, fifty_shots=True)
-    assert found.fifty_shots is not None
     values = np.array([np.inf if value is None else value for value in found.fifty_shots.values])
     assert values[47] == pytest.approx(found.targets[0].p95_mm, rel=1e-3)
     fifty = SHOTS * found.fifty_shots.exceedance_probability

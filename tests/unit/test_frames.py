@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import Rotation
 
-from plain_data import DEMO, EXAMPLES, problems_of
+from plain_data import DEMO, EVERY, problems_of, replaced
 from tailstack import load_design, score
 from tailstack.design import Design, design_to_data
 from tailstack.geometry.arrays import Array
@@ -87,9 +86,8 @@ def test_points_that_no_motion_brings_together_are_refused(tmp_path: Path, regis
 
 
 def test_points_of_the_document_are_in_con_already() -> None:
-    data = copy.deepcopy(DEMO)
-    data["fiducials"]["T_con_file"] = {"rotation_deg": [0, 0, 1]}
-    (problem,) = problems_of(load_design, data)
+    turned = replaced(DEMO, ("fiducials", "T_con_file"), {"rotation_deg": [0, 0, 1]})
+    (problem,) = problems_of(load_design, turned)
     assert (problem.pointer, problem.code) == ("/fiducials/T_con_file", "unused-field")
 
 
@@ -174,17 +172,15 @@ def test_a_design_has_a_target_and_a_service_reads_no_file_of_them(tmp_path: Pat
 
 
 def test_as_it_was_written_a_design_names_its_files(tmp_path: Path) -> None:
-    found = planned(tmp_path, {"file": "line.mrk.json", "line": "L4", "as_fiducials": True})
+    file = {"file": "line.mrk.json", "line": "L4", "as_fiducials": True}
+    found = planned(tmp_path, file)
     written = design_to_data(found, inline=False)
-    assert (written["targets"], written["target_files"]) == (
-        [],
-        [{"file": "line.mrk.json", "line": "L4", "as_fiducials": True}],
-    )
+    assert (written["targets"], written["target_files"]) == ([], [file])
     assert load_design(written, base_directory=tmp_path).sha256 == found.sha256
     assert found.files == ["beads.csv", "line.mrk.json"]
 
 
-SEAT = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text(encoding="utf-8"))["interfaces"]["structure_connector"]
+SEAT = EVERY["locators_321"]["interfaces"]["structure_connector"]
 
 
 def seated(folder: Path, contacts: Sequence[dict[str, Any]], **section: Any) -> Design:
@@ -217,10 +213,8 @@ def test_contacts_of_files_hold_as_those_of_the_document(tmp_path: Path) -> None
     assert alone.document.interfaces == found.document.interfaces
     assert alone.document.assumed == ["/interfaces/structure_connector/locators"]
     assert sum("carried to con by T_con_file" in note for note in score(alone).provenance.notes) == 3
-    assert design_to_data(found, inline=False)["interfaces"]["structure_connector"].keys() == {
-        "pivot_mm",
-        "locator_files",
-    }
+    seat = design_to_data(found, inline=False)["interfaces"]["structure_connector"]
+    assert seat.keys() == {"pivot_mm", "locator_files"}
     assert found.files == ["0.mrk.json", "1.mrk.json", "2.mrk.json"]
 
 

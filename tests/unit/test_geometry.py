@@ -74,15 +74,10 @@ def test_derivatives_agree_with_central_differences(form, values, point):
     torsor, pivot, point = np.array(values), np.array([10.0, -20.0, -95.0]), np.array(point)
     step = 1e-5
     for k in range(6):
-        ahead, behind = torsor.copy(), torsor.copy()
-        ahead[k] += step
-        behind[k] -= step
-        difference = transform_points(torsor_transform(ahead, pivot, form), point) - transform_points(
-            torsor_transform(behind, pivot, form), point
-        )
-        np.testing.assert_allclose(
-            displacement(torsor, pivot, form).by_torsor(point)[:, k], difference / (2 * step), atol=2e-6
-        )
+        ahead, behind = torsor + step * np.eye(6)[k], torsor - step * np.eye(6)[k]
+        there, back = (transform_points(torsor_transform(each, pivot, form), point) for each in (ahead, behind))
+        slope = displacement(torsor, pivot, form).by_torsor(point)[:, k]
+        np.testing.assert_allclose(slope, (there - back) / (2 * step), atol=2e-6)
         if k < 3:
             finite = (rotation_xyz(ahead[:3], form) - rotation_xyz(behind[:3], form)) / (2 * step)
             np.testing.assert_allclose(rotation_derivatives(torsor[:3], form)[k], finite, atol=1e-9)
@@ -112,9 +107,7 @@ def test_a_displacement_moves_points_as_its_matrix(form):
         np.testing.assert_allclose(at.move(point), matrix[:3, :3] @ point + matrix[:3, 3], rtol=1e-14, atol=1e-13)
 
 
-UP = np.array([0.0, 0.0, 1.0])
-
-
+UP, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 direction = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 
@@ -140,14 +133,12 @@ def test_projection_is_where_the_ray_meets_the_detector(beam, up, point):
 
 def test_a_matrix_is_scaled_by_sign_and_size_and_may_be_skewed():
     centre = image_centre_px((1536, 1536))
-    matrix = projection_from_distances(
-        1020.0, 700.0, (0.194, 0.194), centre, np.zeros(3), np.array([0.0, 1.0, 0.0]), UP
-    )
+    matrix = projection_from_distances(1020.0, 700.0, (0.194, 0.194), centre, np.zeros(3), AHEAD, UP)
     points = np.random.default_rng(0).uniform(-50, 50, (9, 3))
     points[0] = [0.0, -900.0, 0.0]  # one point behind the source must not flip the others
     np.testing.assert_allclose(scale_to_unit_depth(-3.7 * matrix, points), matrix, rtol=1e-13, atol=1e-9)
     k = intrinsic_matrix((4000.0, 4100.0), (600.0, 500.0), 3.0)
-    matrix = projection_from_pose(k, aim(np.array([0.0, -500.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP))
+    matrix = projection_from_pose(k, aim(-500.0 * AHEAD, AHEAD, UP))
     image = matrix @ [10.0, 0.0, -20.0, 1.0]  # camera coordinates (10, 20, 500)
     closed_form = [600 + 4000 * 10 / 500 + 3 * 20 / 500, 500 + 4100 * 20 / 500]
     np.testing.assert_allclose(image[:2] / image[2], closed_form, rtol=1e-14)

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from plain_data import DEMO, replaced
+from plain_data import DEMO, problems_of, replaced
 from tailstack import load_design, score
 from tailstack.design import compile_design
 from tailstack.design.hand_eye_files import COLUMNS, fit_hand_eye
@@ -29,6 +29,7 @@ def pose(turn: Rotation, place: Any) -> Array:
 
 TOOL = pose(Rotation.from_euler("xyz", [10, -20, 40], degrees=True), np.array([5.0, -20.0, 120.0]))
 TRACKER = pose(Rotation.from_euler("xyz", [170, 5, 60], degrees=True), np.array([900.0, 100.0, 1500.0]))
+HEADER = ",".join(f"{name}_mm" if name[-2] == "_" else name for name in COLUMNS)
 
 
 def draw_poses(rng: np.random.Generator, count: int, turn_deg: float, shift_mm: float) -> tuple[Array, Array]:
@@ -67,13 +68,12 @@ def test_of_many_calibrations_95_in_100_lie_in_their_ellipsoid(run_seed: int) ->
     assert 0.94 < np.mean(np.array(distances) < chi2.ppf(0.95, 6)) < 0.96
 
 
-def with_file(folder: Path, flanges: Array, tools: Array, header: str | None = None) -> Path:
+def with_file(folder: Path, flanges: Array, tools: Array, header: str = HEADER) -> Path:
     rows = []
     for each in zip(flanges, tools, strict=True):
         x, y, z, w = (Rotation.from_matrix([one[:3, :3] for one in each]).as_quat()).T
         rows.append(np.column_stack([[one[:3, 3] for one in each], w, x, y, z]).ravel())
-    names = [f"{name}_mm" if name[-2] == "_" else name for name in COLUMNS]
-    np.savetxt(folder / "poses.csv", rows, delimiter=",", header=header or ",".join(names), comments="")
+    np.savetxt(folder / "poses.csv", rows, delimiter=",", header=header, comments="")
     document = replaced(DEMO, ("execution", "hand_eye"), {"pose_pairs": {"file": "poses.csv"}})
     back = np.linalg.inv(TOOL)
     document = replaced(document, ("transforms", "T_tcp_flange"), back.tolist())
@@ -105,16 +105,13 @@ def test_a_file_of_poses_is_the_covariance_of_their_fit(tmp_path: Path) -> None:
 def test_poses_that_say_nothing_are_refused_by_name(tmp_path: Path) -> None:
     flanges, tools = draw_poses(np.random.default_rng(4), 9, 0.05, 0.1)
     about_z = pose(Rotation.from_euler("z", np.linspace(0, 1, 9)[:, None]), flanges[:, :3, 3])
-    header = ",".join(f"{name}_mm" if name[-2] == "_" else name for name in COLUMNS)
     cases: list[tuple[tuple[Any, ...], str]] = [
         ((flanges[:5], tools[:5]), "too-few"), ((about_z, np.linalg.inv(TRACKER) @ about_z @ TOOL), "one-axis"),
         ((flanges, np.linalg.inv(tools)), "poses-disagree"),
         ((flanges * [1, 1, 1, 1e-3], tools * [1, 1, 1, 1e-3]), "implausible"),
         ((flanges, tools * [1, 1, 1, 1e290]), "implausible"),
-        ((flanges, tools, header.replace("tool_qx", "q")), "csv-header"),
-        ((flanges, tools, header.replace("tool_x_mm", "tool_x")), "no-unit"),
+        ((flanges, tools, HEADER.replace("tool_qx", "q")), "csv-header"),
+        ((flanges, tools, HEADER.replace("tool_x_mm", "tool_x")), "no-unit"),
     ]  # fmt: skip
     for arguments, code in cases:
-        with pytest.raises(DesignError) as caught:
-            load_design(with_file(tmp_path, *arguments))
-        assert caught.value.problems[0].code == code
+        assert problems_of(load_design, with_file(tmp_path, *arguments), error=DesignError)[0].code == code

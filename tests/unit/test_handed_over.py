@@ -21,7 +21,7 @@ import pandas as pd  # type: ignore[import-untyped]
 import pyarrow as pa
 import pytest
 
-from plain_data import EXAMPLES, problems_of
+from plain_data import EXAMPLES, places_of, problems_of, value_at
 from tailstack import DesignFunction, load_design, score, score_batch, sweep
 from tailstack.errors import DesignError, Problem, TailstackError
 
@@ -212,13 +212,6 @@ def test_a_refusal_crosses_a_process_pool() -> None:
 # --- designs -----------------------------------------------------------------------------------------------
 
 
-def list_containers(data: Any) -> Iterator[Any]:
-    if isinstance(data, dict | list):
-        yield data
-        for each in data.values() if isinstance(data, dict) else data:
-            yield from list_containers(each)
-
-
 def test_a_design_cannot_be_changed_behind_its_hash() -> None:
     changes: list[Callable[[Any], Any]] = [
         lambda each: each.__setitem__(next(iter(each)) if isinstance(each, dict) else 0, 1),
@@ -227,8 +220,8 @@ def test_a_design_cannot_be_changed_behind_its_hash() -> None:
         lambda each: each.update({"a": 1}) if isinstance(each, dict) else each.append(1),
         lambda each: each.__ior__({"a": 1}) if isinstance(each, dict) else each.__iadd__([1]),
     ]
-    containers = list(list_containers(DEMO.source.data))
-    document = DEMO.document
+    data, document = DEMO.source.data, DEMO.document
+    containers = [each for place in places_of(data) if isinstance(each := value_at(data, place), dict | list)]
     containers += [document.views, document.targets, document.requirements, document.fiducials.points]
     assert len(containers) > 20
     for container in containers:

@@ -46,8 +46,8 @@ def clipped_on(**changes: Any) -> System:
     return cube8_system(structure_connector=first, connector_flange=second, views=with_noise(0.7), **changes)
 
 
-def on(risk: str, limit: float = 1.0) -> Requirement:
-    return Requirement(risk, "tcp", 0.95, limit, 0.95, ("target",), risk, None if risk == "pooled" else 0.9)
+def on(risk: str) -> Requirement:
+    return Requirement(risk, "tcp", 0.95, 1.0, 0.95, ("target",), risk, None if risk == "pooled" else 0.9)
 
 
 def test_no_pooled_number_depends_on_a_level() -> None:

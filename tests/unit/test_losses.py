@@ -57,9 +57,9 @@ def brute_force(system, lost, error="tcp", quantile=0.95):
     return largest
 
 
-def limited(system, error="tcp", quantile=0.95, **how):
+def limited(system, error="tcp", quantile=0.95, limit_mm=1.0, **how):
     names = tuple(each.name for each in system.targets)
-    return replace(system, requirements=(Requirement("r", error, quantile, 1.0, 0.95, names, **how),))
+    return replace(system, requirements=(Requirement("r", error, quantile, limit_mm, 0.95, names, **how),))
 
 
 @pytest.mark.long(but=["0", "1", "5", "9", "17", "19"])  # of each kind
@@ -84,11 +84,6 @@ def neighbours(rng, count):
     """Targets within a centimetre of one another, where losses are much alike."""
     middle = rng.uniform(-20, 20, 3) + np.array([0, 0, 60])
     return tuple(target(middle + rng.uniform(-5, 5, 3), f"target {k}") for k in range(count))
-
-
-def search_of(system):
-    chain = chain_of(system)
-    return LossSearch(chain, {each.name: linearise_at(chain, each) for each in system.targets})
 
 
 @pytest.mark.parametrize(("estimator", "error"), [(Estimator.DLT, "tcp"), (Estimator.POSE, "localisation")])
@@ -131,7 +126,8 @@ def test_exact_laws_are_asked_where_a_loss_may_be_the_worst(make, monkeypatch):
     turns = np.linspace(0, 20, 40)
     places = np.column_stack([turns * np.cos(turns), turns * np.sin(turns), 70 + 0 * turns])
     system = replace(make(), targets=tuple(target(place, f"target {k}") for k, place in enumerate(places)))
-    search, asked = search_of(system), []
+    chain, asked = chain_of(system), []
+    search = LossSearch(chain, {each.name: linearise_at(chain, each) for each in system.targets})
     exact = losses.law_quantile
     monkeypatch.setattr(losses, "law_quantile", lambda *law: asked.append(law) or exact(*law))
     monkeypatch.setattr(losses, "linearise_at", None)
@@ -163,12 +159,9 @@ def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
 
 
 def test_a_limit_that_a_loss_breaks_is_not_kept():
-    names = tuple(target.name for target in cube8_system().targets)
-    limited = replace(cube8_system(), requirements=(Requirement("tip", "tcp", 0.95, 0.3, 0.95, names),))
-    (found,) = score(limited).losses
+    (found,) = score(limited(cube8_system(), limit_mm=0.3)).losses
     assert (found.keeps(1), found.keeps(2)) == (True, False)
-    per_unit = replace(limited.requirements[0], risk="per_unit", min_yield=0.9)
-    (units,) = score(replace(limited, requirements=(per_unit,))).losses
+    (units,) = score(limited(cube8_system(), limit_mm=0.3, risk="per_unit", min_yield=0.9)).losses
     assert units.single.value == pytest.approx(found.single.value, rel=0.01)  # there is nothing but noise
 
 
@@ -240,16 +233,12 @@ def test_the_quantile_of_shots_with_beads_missed_is_that_of_a_sample(scene):
     assert found.mixture.probability_unaccounted == pytest.approx(lacking, abs=doubt)
 
 
-def missed(change=None):
-    data = replaced(DEMO, ("fiducials", "loss_probability"), 0.01)
-    if change:
-        change(data)
-    return load_design(data)
+OFTEN = replaced(DEMO, ("fiducials", "loss_probability"), 0.01)
 
 
 def test_a_document_says_how_often_beads_are_missed():
     """closed_form: the probability of a shot with all of them."""
-    plain, found = score(load_design(DEMO)), score(missed(), second_order=True)
+    plain, found = score(load_design(DEMO)), score(load_design(OFTEN), second_order=True)
     (line,) = found.losses
     count = len(DEMO["fiducials"]["points"])
     assert plain.losses[0].mixture is None
@@ -258,23 +247,19 @@ def test_a_document_says_how_often_beads_are_missed():
     assert line.value == plain.targets[0].p95_mm
     assert line.mixture.value == found.targets[0].p95_mm == found.verdict.checks[0].value
     assert found.targets[0].second_order.status == "applied"
-
-    def one_often(data):
-        data["fiducials"]["points"][2]["loss_probability"] = 0.2
-
-    own = score(missed(one_often)).losses[0].mixture
+    own = score(load_design(replaced(OFTEN, ("fiducials", "points", 2, "loss_probability"), 0.2))).losses[0].mixture
     assert own.probability_of_none == pytest.approx(0.8 * 0.99 ** (count - 1))
     assert (own.smallest_loss_probability, own.largest_loss_probability) == (0.01, 0.2)
 
 
 def test_what_is_missed_leaves_the_list_and_what_is_not_declared_the_hash():
-    line = "fiducials mistaken for one another"
-    assert line in score(missed()).provenance.not_included
-    assert line in score(missed(), losses=False).provenance.not_included
+    line, missed = "fiducials mistaken for one another", load_design(OFTEN)
+    assert line in score(missed).provenance.not_included
+    assert line in score(missed, losses=False).provenance.not_included
     assert f"{line} or missed" in score(load_design(DEMO)).provenance.not_included
     # published: the hash of the example as the release before computed it.
     assert load_design(DEMO).sha256.startswith("5a063c74767253cf")
-    assert missed().sha256 != load_design(DEMO).sha256
+    assert missed.sha256 != load_design(DEMO).sha256
 
 
 SEVEN = [0, 1, 2, 3, 4, 6, 9]  # of its beads: DLT can do without one of them

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_montecarlo_shards import cut_at
 
 from plain_data import DEMO, problems_of, replaced
 from plain_trials import simulate
@@ -19,7 +21,7 @@ from tailstack.montecarlo import chain
 from tailstack.montecarlo.chain import draw, draw_losses, run_indices
 from tailstack.montecarlo.estimators import cvar_interval
 from tailstack.montecarlo.plan import compile_plan, hide_fiducials, object_frame, replan
-from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
+from tailstack.montecarlo.shards import BLOCK
 from tailstack.montecarlo.simulate import Run, Simulation
 from tailstack.system import Estimator, Requirement, Triangulation
 from tailstack.verification import Sampling, prepare, verify_prepared
@@ -36,17 +38,6 @@ SEVEN = np.random.default_rng(3).uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.
 def missed(system, probability):
     """The system whose fiducials are each missed so often."""
     return replace(system, loss_probability=(probability,) * len(system.fiducial_labels))
-
-
-def demo(probability=0.02, change=None):
-    data = replaced(DEMO, ("fiducials", "loss_probability"), probability)
-    if change:
-        change(data)
-    return load_design(data)
-
-
-def one_often(data):
-    data["fiducials"]["points"][0]["loss_probability"] = 0.3
 
 
 def by_lot(system, shots, rng):
@@ -188,19 +179,10 @@ def test_each_bead_is_missed_as_often_as_it_says_and_by_itself():
 def test_one_seed_has_one_answer_however_it_is_cut():
     system = missed(system_of(SEVEN), 0.02)
     system = replace(system, requirements=(Requirement("r", "tcp", 0.95, 9.0, 0.95, ("target",)),))
-    ready = prepare(system)
-
-    class Elsewhere:
-        """Shards of one block, sent as bytes."""
-
-        def shards(self, task):
-            for first in range(task.first, task.stop, 8192):
-                part = replace(task, first=first, stop=min(first + 8192, task.stop))
-                yield shard_from_bytes(shard_to_bytes(compute_shard(part)))
-
+    ready, elsewhere = prepare(system), SimpleNamespace(shards=cut_at(BLOCK))
     whole = text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), threads=1))
     assert whole == text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), threads=3))
-    assert whole == text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), sampler=Elsewhere()))  # type: ignore[arg-type]  # nothing else is asked of it here
+    assert whole == text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), sampler=elsewhere))  # type: ignore[arg-type]  # nothing else is asked of it here
     simulation = Simulation(compile_plan(system), 5, threads=1)
     run = Run(simulation)
     run.grow(16_384)
@@ -270,7 +252,8 @@ def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answe
 
 
 def test_a_bead_that_is_moved_keeps_its_own_probability():
-    design = demo(0.05, one_often)
+    data = replaced(DEMO, ("fiducials", "loss_probability"), 0.05)
+    design = load_design(replaced(data, ("fiducials", "points", 0, "loss_probability"), 0.3))
     moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 0.5))
     points = moved.document.fiducials.points
     assert [point.loss_probability for point in points] == [0.3, *[None] * 11]

@@ -32,10 +32,6 @@ def pose_of(rotation, shift=(0, 0, AWAY)):
     return np.vstack([np.column_stack([rotation, shift]), [0, 0, 0, 1]])
 
 
-def inverse_of(pose):
-    return np.linalg.inv(pose)
-
-
 def scene(change=lambda pose: pose, **intrinsics):
     """The scene with the poses of its cameras as somebody else writes them."""
     views = [
@@ -79,18 +75,15 @@ def obey(data, hints):
 
 
 def scaled_shift(factor):
-    def change(pose):
-        return np.column_stack([pose[:, :3], pose[:, 3] * [factor, factor, factor, 1]])
-
-    return change
+    return lambda pose: np.column_stack([pose[:, :3], pose[:, 3] * [factor, factor, factor, 1]])
 
 
 FLIP = np.diag([1.0, -1, -1, 1])
 WRITTEN = {
-    "camera to con": (inverse_of, {}, "its inverse, which maps the camera to con"),
+    "camera to con": (np.linalg.inv, {}, "its inverse, which maps the camera to con"),
     "OpenGL": (lambda pose: FLIP @ pose, {}, "the camera axes turned"),
-    "OpenGL, camera to con": (lambda pose: inverse_of(FLIP @ pose), {}, "its inverse"),
-    "camera to con in metres": (lambda pose: scaled_shift(1e-3)(inverse_of(pose)), {}, "its translation in metres"),
+    "OpenGL, camera to con": (lambda pose: np.linalg.inv(FLIP @ pose), {}, "its inverse"),
+    "camera to con in metres": (lambda pose: scaled_shift(1e-3)(np.linalg.inv(pose)), {}, "its translation in metres"),
     "negative focal lengths": (lambda pose: FLIP @ pose, {"focal_px": [-FOCAL, -FOCAL]}, "the camera axes turned"),
 }
 
@@ -232,20 +225,16 @@ def test_targets_and_a_pivot_of_the_flange_in_another_unit() -> None:
         assert f"with the pivot in {unit}, it lies 0 mm from it: multiply pivot_mm by {factor:g}" in met.message
 
 
-def turned(rotation, shift):
-    return np.vstack([np.column_stack([rotation, shift]), [0, 0, 0, 1]])
-
-
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_turned_transform_that_is_inverse_in_a_part(whole):
     """independent: SciPy's rotations; a flange that is turned and aside of con, the tool's tip at the target."""
     rotation, shift = Rotation.from_euler("XYZ", [20, -35, 80], degrees=True).as_matrix(), np.array([40, -25, 145])
     there = rotation @ [0, 0, 70] + shift
-    wrong = turned(rotation.T, -rotation.T @ shift) if whole else turned(rotation, -rotation.T @ shift)
+    wrong = pose_of(rotation.T, -rotation.T @ shift) if whole else pose_of(rotation, -rotation.T @ shift)
     document = replaced(replaced(DEMO, CON, wrong.tolist()), TCP, {"translation_mm": (-there).tolist()})
     met = remarks(document)["target-off-tool"]
     meant = yaml.safe_load(re.search(r"write T_flange_con: (\[\[.*?\]\])", met.message)[1])
-    np.testing.assert_allclose(meant, turned(rotation, shift), atol=1e-6)
+    np.testing.assert_allclose(meant, pose_of(rotation, shift), atol=1e-6)
 
 
 @pytest.mark.parametrize("order", ["roll, pitch and yaw", "KUKA", "rotation vector", "radians", "scalar last"])
@@ -263,7 +252,7 @@ def test_angles_of_another_order(order):
     met = remarks(replaced(DEMO, TCP, written | {"translation_mm": shift.tolist()}))["target-off-tool"]
     assert order in met.message
     meant = yaml.safe_load(re.search(r"write T_tcp_flange: (\[\[.*?\]\])", met.message)[1])
-    np.testing.assert_allclose(meant, turned(turn.as_matrix(), shift), atol=1e-6)
+    np.testing.assert_allclose(meant, pose_of(turn.as_matrix(), shift), atol=1e-6)
 
 
 def test_only_a_target_further_from_the_tool_than_any_tool_is_long_is_remarked() -> None:
@@ -316,28 +305,22 @@ def test_a_principal_point_in_another_convention_is_named_with_what_is_meant(wor
         document = replaced(DEMO, ("views",), [view | {"principal_point_px": foot} for view in DEMO["views"]])
     else:
         document = scene(principal_point_px=foot)
-    with pytest.raises(IllPosedError) as caught:
-        check_design(load_design(document))
-    hints = [problem.hint for problem in caught.value.problems if problem.pointer.count("/") == 2 and problem.hint]
+    problems = problems_of(check_design, load_design(document), error=IllPosedError)
+    hints = [problem.hint for problem in problems if problem.pointer.count("/") == 2 and problem.hint]
     assert len(hints) == 2
     for hint in hints:
         assert "isocentre_mm" not in hint
         written = yaml.safe_load(re.search(r"write principal_point_px: (\[.*?\])", hint)[1])
         np.testing.assert_allclose(written, meant, atol=1)
     inner = "" if aimed else "/intrinsics"
-    places = [problem.pointer for problem in caught.value.problems if problem.code == "principal-point"]
+    places = [problem.pointer for problem in problems if problem.code == "principal-point"]
     assert places == [f"/views/{k}{inner}/principal_point_px" for k in (0, 1)]
 
 
 def test_a_principal_point_that_nothing_explains_is_named_all_the_same():
-    document = scene(principal_point_px=[1700, 90])
-    with pytest.raises(IllPosedError) as caught:
-        check_design(load_design(document))
-    assert all(
-        "check principal_point_px first" in problem.hint
-        for problem in caught.value.problems
-        if problem.code == "outside-view"
-    )
+    problems = problems_of(check_design, load_design(scene(principal_point_px=[1700, 90])), error=IllPosedError)
+    outside = [problem.hint for problem in problems if problem.code == "outside-view"]
+    assert all("check principal_point_px first" in hint for hint in outside)
 
 
 def test_a_focal_length_in_millimetres():

@@ -221,7 +221,6 @@ def meet_simulation(own: Subject, measure: Measure) -> None:
 def meet_units(own: Subject, measure: Measure) -> None:
     """independent: of what keeps its own P95 within the value 90 % do; the limit is beyond nearly all."""
     check = check_of(score_of_units().verdict.checks, measure)
-    assert check.yield_fraction is not None
     assert (check.value <= check.limit) == (check.yield_fraction >= 0.9)
 
 

@@ -12,6 +12,7 @@ from scipy import integrate, stats
 from scipy.optimize import brentq
 from scipy.special import erf
 
+from laws import linear_law
 from plain_data import DEMO, problems_of
 from tailstack import load_design, score, score_batch, verify
 from tailstack.design import Design, compile_design
@@ -28,12 +29,11 @@ from tailstack.tail.bounds import bounds
 from tailstack.tail.declared import LawReading, LinearLaw, column_gradient, law_gradient, law_quantile
 from tailstack.tail.gaussian import norm_quantile
 
-NONE, NO_KINDS = np.zeros((3, 0)), np.zeros(0, dtype=np.int64)
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
 
 
 def gaussian(mean: Any, stds: Any, turn: Any) -> LinearLaw:
-    return LinearLaw(turn @ np.array(mean), turn @ np.diag(np.square(stds)) @ turn.T, NONE, NO_KINDS)
+    return linear_law(turn @ np.array(mean), turn @ np.diag(np.square(stds)) @ turn.T)
 
 
 def folded(r: float, m: float, s: float) -> float:
@@ -92,7 +92,7 @@ def test_bounds_on_a_line_are_those_of_chebyshev_and_gauss() -> None:
 def test_two_uniform_sources_across_one_another_fill_a_rectangle() -> None:
     """Closed form: the share of a rectangle that a disc covers."""
     half = np.array([0.5, 0.3])
-    law = LinearLaw(np.zeros(3), np.zeros((3, 3)), TURN[:, :2] * half, np.zeros(2, dtype=np.int64))
+    law = linear_law(np.zeros(3), np.zeros((3, 3)), TURN[:, :2] * half)
     r = law_quantile(law, 0.9).quantile_mm
     covered = integrate.quad(lambda x: min(half[1], sqrt(r * r - x * x)), 0, min(r, half[0]))[0] / half.prod()
     assert covered == pytest.approx(0.9, abs=2e-4)  # sampled: a law without noise has no lattice
@@ -107,7 +107,7 @@ def test_derivatives_in_a_plane_or_on_a_line_are_those_of_differences(dimension:
     plane, step = TURN[:, :dimension], 1e-4
     factor = 0.3 * plane @ rng.normal(size=(dimension, dimension))
     mean = 0.5 * plane @ rng.normal(size=dimension) + beyond * TURN[:, 2]
-    law = LinearLaw(mean, factor @ factor.T, 0.4 * plane @ rng.normal(size=(dimension, 4)), np.array([0, 1, 0, 1]))
+    law = linear_law(mean, factor @ factor.T, 0.4 * plane @ rng.normal(size=(dimension, 4)), [0, 1, 0, 1])
     total = law_quantile(law, 0.95)
     gradient, by_column = law_gradient(law, total), column_gradient(law, total)
 
@@ -125,7 +125,6 @@ def test_derivatives_in_a_plane_or_on_a_line_are_those_of_differences(dimension:
     inside = plane @ rng.normal(size=(dimension, dimension))
     inside = 0.1 * inside @ inside.T
     assert (gradient.by_covariance * inside).sum() == pytest.approx(slope(covariance=inside), abs=2e-6)
-    assert by_column is not None
     for j in range(4):
         change = np.outer(plane @ rng.normal(size=dimension), np.arange(4) == j)
         assert (by_column * change).sum() == pytest.approx(slope(columns=change), abs=2e-6)
@@ -180,10 +179,11 @@ def test_an_angle_where_fiducials_are_missed_is_that_of_all_shots() -> None:
     assert drawn.verdict.checks[-1].status == expected
 
 
-def to_optimise(**section: Any) -> Design:
-    """Nothing but the angle is limited, images of the target are sharp, and this is to be optimised."""
+def to_optimise() -> Design:
+    """Nothing but the angle is limited, images of the target are sharp, and one half-width is to be optimised."""
     data = entered()
-    data["optimise"] = {"requirement": "straight", **section}
+    free = {"interface": "structure_connector", "component": "rx", "min_deg": 0.001, "max_deg": 3.0}
+    data["optimise"] = {"requirement": "straight", "tolerances": [free]}
     data["fiducials"] = {name: each for name, each in data["fiducials"].items() if name != "diameter_mm"}
     data["views"] = [dict(view, target_noise_px=0.05) for view in data["views"]]
     return load_design(data)
@@ -196,8 +196,7 @@ def angle(system: System) -> float:
 @pytest.mark.long
 def test_a_budget_keeps_an_angle() -> None:
     """brute force: the largest half-width at which the score has the angle within its limit."""
-    free = {"interface": "structure_connector", "component": "rx", "min_deg": 0.001, "max_deg": 3.0}
-    found, words = optimise(to_optimise(tolerances=[free]), starts=3), MEASURE["angle"].words
+    found, words = optimise(to_optimise(), starts=3), MEASURE["angle"].words
     check = found.certificate.verification.verdict.checks[-1]
     assert (check.requirement, check.status, check.unit) == ("straight", "pass", "deg")
     assert check.upper <= 0.6
@@ -283,8 +282,7 @@ def test_a_limit_is_in_the_unit_of_its_measure() -> None:
 
 def test_the_programme_of_an_angle_serves_another_limit() -> None:
     """What trials have whole, a function of the measure, is no part of it."""
-    free = {"interface": "structure_connector", "component": "rx", "min_deg": 0.001, "max_deg": 3.0}
-    (problem,) = read_task(to_optimise(tolerances=[free])).problems
+    (problem,) = read_task(to_optimise()).problems
     other = replace(problem, requirements=tuple(replace(each, limit=0.7) for each in problem.requirements))
     first, again = (build_program(each, tuple(terms_of(each, d) for d in each.demands)) for each in (problem, other))
     assert again.explore[0] is first.explore[0]

@@ -153,10 +153,10 @@ def test_a_run_goes_on_from_whole_blocks() -> None:
         simulate(plan, trials=1, seed=1)
 
 
-def linear_chain(system: System, quantile: float, error: str = "tcp") -> LinearChain:
-    """First order of the first target, with the exact law of the declared tolerances."""
-    plan, model = compile_plan(system), linearise(system, system.targets[0])
-    gain = gains_in_plan_order(plan, model.blocks, (0,), error)
+def linear_chain(system: System, quantile: float, error: str = "tcp", place: int = 0) -> LinearChain:
+    """First order of the target at a place, with the exact law of the declared tolerances."""
+    plan, model = compile_plan(system), linearise(system, system.targets[place])
+    gain = gains_in_plan_order(plan, model.blocks, (place,), error)
     laws = plan.laws
     normal = np.array([law is Law.NORMAL for law in laws])
     kinds = [0 if law is Law.UNIFORM else 1 for law in laws if law is not Law.NORMAL]
@@ -210,12 +210,7 @@ def test_radial_interval_covers_as_often_as_it_says() -> None:
 def test_radial_of_the_localisation_error_of_a_second_target() -> None:
     """Referee: plain sampling, joint 5-sigma interval."""
     system = cube8_system(targets=(target((0, 0, 70), "a"), target((20, 10, 40), "b")))
-    plan, model = compile_plan(system), linearise(system, system.targets[1])
-    gain = gains_in_plan_order(plan, model.blocks, (1,), "localisation")
-    law = linear_law(model.bias_mm("localisation"), gain @ gain.T)
-    r = law_quantile(law, 0.9).quantile_mm
-    density = (law_exceedance(law, 0.999 * r) - law_exceedance(law, 1.001 * r)) / (0.002 * r)
-    linear = LinearChain(model.bias_mm("localisation"), gain, lambda x: law_exceedance(law, x), r, density)
+    plan, linear = compile_plan(system), linear_chain(system, 0.9, "localisation", place=1)
     found = radial(plan, linear, metric=3, quantile=0.9, seed=1, rays=16)
     plain = quantile_estimate(simulate(plan, trials=2**17, seed=2, quantile=0.9), "b", "localisation", 0.9)
     plain_error = (plain.interval_mm[1] - plain.interval_mm[0]) / 3.92
@@ -233,30 +228,25 @@ def test_radial_refuses_what_it_cannot_answer() -> None:
         radial(plan, linear, seed=1, randomisations=8)
 
 
-Counts = np.ndarray
-
-
-def ranks_of(looks: tuple[int, ...], quantile: float, confidence: float) -> list[tuple[int | None, int | None]]:
-    return [enclosing_ranks(look, quantile, level_of_each(looks, confidence)) for look in looks]
-
-
 def exact_interval(count: int, trials: int) -> tuple[float, float]:
     low = float(beta.ppf(0.025, count, trials - count + 1)) if count else 0.0
     return low, float(beta.ppf(0.975, count + 1, trials - count)) if count < trials else 1.0
 
 
-def outcomes(looks: tuple[int, ...], quantile: float, confidence: float, below: float, runs: int, seed: int) -> Counts:
+def outcomes(
+    looks: tuple[int, ...], quantile: float, confidence: float, below: float, runs: int, seed: int
+) -> np.ndarray:
     """(3,) counts of runs that say kept, missed, nothing, when ``below`` of all trials keep the limit.
 
     The limit lies above the whole interval exactly when ``high`` trials or more keep it, and below it when fewer than
     ``low`` do: the test is one of counts.
     """
-    ranks = ranks_of(looks, quantile, confidence)
     random = np.random.default_rng(seed)
     steps = np.diff((0, *looks))
     kept = np.cumsum(random.binomial(steps, below, (runs, len(looks))), axis=1)
     said = np.zeros((runs, len(looks)), dtype=int)
-    for k, (low, high) in enumerate(ranks):
+    for k, look in enumerate(looks):
+        low, high = enclosing_ranks(look, quantile, level_of_each(looks, confidence))
         if high is not None:
             said[:, k] = np.where(kept[:, k] >= high, 1, said[:, k])
         if low is not None:

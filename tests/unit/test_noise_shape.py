@@ -35,8 +35,6 @@ def test_weights_of_the_weighted_triangulation_are_inverse_covariances_of_its_ro
     that is alike in all directions would be is 0.07 off."""
     rng, n = np.random.default_rng(5903), 20_000
     document = document_of(rng, STILL)
-    for view in document["views"]:
-        view |= SHAPES
     beads = np.array([each["position_mm"] for each in document["fiducials"]["points"]])
     middle = beads.mean(axis=0)
     target = np.array(document["targets"][0]["position_mm"]) - middle
@@ -47,23 +45,16 @@ def test_weights_of_the_weighted_triangulation_are_inverse_covariances_of_its_ro
         exact = np.column_stack([np.vstack([beads - middle, target]), np.ones(len(beads) + 1)]) @ camera.T
         exact = exact[:, :2] / exact[:, 2:]
         noise = [
-            0.2 * rng.multivariate_normal(np.zeros(2), view[name], (n, k))
+            0.2 * rng.multivariate_normal(np.zeros(2), SHAPES[name], (n, k))
             for name, k in (("fiducial_noise_shape", 10), ("target_noise_shape", 1))
         ]
         rows, size = rows_of(beads - middle, exact[:-1] + noise[0], exact[-1] + noise[1][:, 0])
         inverses.append(np.linalg.inv(np.cov((rows @ np.append(target / size, 1)).T)))
     wanted = np.array(inverses) / np.linalg.norm(inverses)
-    document["model"] = {"triangulation": "weighted"}
-    system = compile_design(load_design(document))
-    at_rest = weights_at_rest(system, system.targets[0])
+    systems = [compile_design(shaped(document, each, triangulation="weighted")) for each in (SHAPES, {})]
+    at_rest, alike = (weights_at_rest(each, each.targets[0]) for each in systems)
     np.testing.assert_allclose(at_rest / np.linalg.norm(at_rest), wanted, rtol=0.02, atol=0.01)
-    alike = weights_at_rest(compile_design(load_design(without_shapes(document))), system.targets[0])
     assert np.abs(alike / np.linalg.norm(alike) - wanted).max() > 0.05
-
-
-def without_shapes(document: dict[str, Any]) -> dict[str, Any]:
-    views = [{name: each for name, each in view.items() if name not in SHAPES} for view in document["views"]]
-    return document | {"views": views}
 
 
 def test_the_weighted_triangulation_knows_the_noise_in_the_simulation_as_in_first_order():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from scenes import cube8_system, effect_named, mount, projection_looking, random_system, read_only, target, with_effects
+from scenes import cube8_system, mount, projection_looking, random_system, read_only, target, with_effects, with_noise
 from tailstack.design.compile import torsor_from_locators
 from tailstack.effects.motion import motion
 from tailstack.geometry.rotation import displacement
@@ -65,13 +65,14 @@ def scene(views, azimuth=0.9, manufactured=True):
     return system, [unit @ p for p in projections], points, linearise(system, system.targets[0]).reconstructed_mm
 
 
-def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None):
+def derivatives(system, matrices, points, function):
     """(inputs, ...) change of ``function(matrices)`` per standard deviation of each random input of the fiducials, by
     central differences of plain DLTs: image noises of every view, then manufacturing errors."""
     images = [seen(m, points) for m in matrices]
+    _, _, per_error = estimator_geometry(system)
     step = 0.02e-3
     out = []
-    for v in range(len(matrices)):
+    for v, view in enumerate(system.views):
         for i in range(len(points)):
             for axis in range(2):
                 ends = []
@@ -79,16 +80,15 @@ def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None
                     kicked = images[v].copy()
                     kicked[i, axis] += sign * step
                     ends.append(function([resected(points, kicked) if w == v else m for w, m in enumerate(matrices)]))
-                out.append((ends[0] - ends[1]) / (2 * step) * stds_px[v] * 1e-3)
-    if std_mm is not None:
-        for i in range(len(points)):
-            for k in range(3):
-                ends = []
-                for sign in (1.0, -1.0):
-                    moved = points.copy()
-                    moved[i] += sign * 0.004 * per_error[:, k]
-                    ends.append(function([resected(points, seen(m, moved)) for m in matrices]))
-                out.append((ends[0] - ends[1]) / 0.008 * std_mm[i, k])
+                out.append((ends[0] - ends[1]) / (2 * step) * view.fiducial_noise_px * 1e-3)
+    for i in range(len(points)):
+        for k in range(3):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = points.copy()
+                moved[i] += sign * 0.004 * per_error[:, k]
+                ends.append(function([resected(points, seen(m, moved)) for m in matrices]))
+            out.append((ends[0] - ends[1]) / 0.008 * system.manufacturing_std_mm[i, k])
     return np.array(out)
 
 
@@ -97,16 +97,12 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
     """independent: plain DLTs by SVD, slopes of the estimated projections along the weakest direction; manufacturing
     errors included."""
     system, matrices, points, aim = scene(views, azimuth)
-    _, _, per_error = estimator_geometry(system)
-    noises = [view.fiducial_noise_px for view in system.views]
-    inputs = (matrices, points, noises)
-    made = {"per_error": per_error, "std_mm": system.manufacturing_std_mm}
     centre = points.mean(axis=0)
 
     def depths(estimates):
         return np.array([np.log((m[2] @ np.append(aim, 1)) / (m[2] @ np.append(centre, 1))) for m in estimates])
 
-    depth = np.sqrt((derivatives(*inputs, depths, **made) ** 2).sum(axis=0)).max()
+    depth = np.sqrt((derivatives(system, matrices, points, depths) ** 2).sum(axis=0)).max()
 
     def slope(estimates, direction):
         ends = [np.concatenate([seen(m, aim + s * 0.35 * direction) for m in estimates]) for s in (1, -1)]
@@ -114,7 +110,7 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
 
     _, values, right = np.linalg.svd(np.stack([slope(matrices, axis) for axis in np.eye(3)], axis=1))
     strong, _ = np.linalg.qr(np.stack([slope(matrices, axis) for axis in right[:2]], axis=1))
-    changes = derivatives(*inputs, lambda estimates: slope(estimates, right[2]), **made) / values[2]
+    changes = derivatives(system, matrices, points, lambda estimates: slope(estimates, right[2])) / values[2]
     changes = changes - changes @ strong @ strong.T
     found = linearise(system, system.targets[0]).nonlinearity
     assert found.depth == pytest.approx(depth, rel=1e-4)
@@ -132,9 +128,7 @@ def test_range_is_what_the_slopes_at_another_point_do(views, azimuth):
         held = [m * ((at_rest[2] @ centre) / (m[2] @ centre)) for m, at_rest in zip(estimates, matrices, strict=True)]
         return np.concatenate([seen(r, aim)[:, None] * m[2] - m[:2] for m, r in zip(held, matrices, strict=True)])
 
-    noises = [view.fiducial_noise_px for view in system.views]
-    made = {"per_error": estimator_geometry(system)[2], "std_mm": system.manufacturing_std_mm}
-    by_input = derivatives(matrices, points, noises, rows, **made)
+    by_input = derivatives(system, matrices, points, rows)
     for v, (m, view) in enumerate(zip(matrices, system.views, strict=True)):
         by_noise = np.zeros((2, 2 * views, 4))
         by_noise[range(2), [2 * v, 2 * v + 1]] = 1e-3 * view.target_noise_px * m[2]
@@ -221,7 +215,7 @@ def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_nois
         estimates, images = [], []
         for m, view in zip(matrices, system.views, strict=True):
             here = moved
-            if effect_named(system, f"motion:{view.name}") is not None:
+            if f"motion:{view.name}" in [effect.name for effect in system.effects]:
                 turn, shift = np.split(small * MOTION_STD * rng.standard_normal(6), 2)
                 here = moved_by(system, moved, pivot, turn, shift)
             clean = seen(m, here)
@@ -245,11 +239,7 @@ def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_nois
 
 def test_first_order_is_not_trusted_where_rays_are_as_parallel_as_their_noise():
     """Eight beads, rays 0.23 deg apart, 0.3 px: by perspective alone nu was 0.001, and first order 'good to 1 %'."""
-    views = tuple(
-        replace(view, projection=projection_looking(azimuth))
-        for view, azimuth in zip(cube8_system().views, (0.0, 0.004), strict=True)
-    )
-    said = score(cube8_system(views=views)).validity
+    said = score(cube8_system(views=with_noise(azimuths_rad=(0.0, 0.004)))).validity
     assert said.status == "not valid"
     assert "must not be used" in said.statement
 
@@ -283,9 +273,8 @@ def turning(rng: np.random.Generator, size: float, reading: Reading) -> System:
         )
         for name in NAMES
     }
-    quiet = tuple(replace(view, fiducial_noise_px=1e-9, target_noise_px=1e-9) for view in cube8_system().views)
     aim = target(rng.uniform(-50, 50, 3))
-    return cube8_system(views=quiet, targets=(aim,), reading=reading, **mounts)
+    return cube8_system(views=with_noise(1e-9), targets=(aim,), reading=reading, **mounts)
 
 
 def displaced(system: System, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -387,8 +376,7 @@ def along_lever(turn_rad: float, times: float) -> System:
     lever, shift = 100.0, 100.0 * turn_rad * times
     half_width = [turn_rad, turn_rad, 0, 0, 0, 0]
     flange = mount("connector_flange", (0, 0, -30), bias=[0, 0, 0, 0, 0, shift], half_width=half_width, law=Law.NORMAL)
-    quiet = tuple(replace(view, fiducial_noise_px=1e-6, target_noise_px=1e-6) for view in cube8_system().views)
-    return cube8_system(views=quiet, connector_flange=flange, targets=(target((0, 0, -30 + lever)),))
+    return cube8_system(views=with_noise(1e-6), connector_flange=flange, targets=(target((0, 0, -30 + lever)),))
 
 
 @pytest.mark.parametrize("degrees", [0.1, 1.0, 2.0, 5.7])

@@ -16,8 +16,6 @@ import pytest
 from optimise_scenes import at_prices, fixed_layout, image_covariance_by_score, oracle_problem, solve_placement
 from scenes import cube_fiducials
 from tailstack import InfeasibleError
-from tailstack.geometry.arrays import Array
-from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.allocation import (
     allocate,
     frobenius_excess,
@@ -37,19 +35,14 @@ UNIFORM = np.full(COST.size, 1 / sqrt(3))
 ONE = 3.841458820694124  # 95 % point of chi-square with one degree of freedom
 
 
-def bound_squared(covariance):
-    """The bound of P95 squared, as the oracle states it."""
-    return np.trace(covariance) + (ONE - 1) * np.sqrt((covariance**2).sum())
-
-
-def random_problem(rng, k, targets, curves=("power", "exponential")):
+def random_problem(rng, k, targets):
     """noise (t, 3, 3), gains (t, k, 3), prices, std per half-width, limits (t,), lower, upper."""
     root = rng.normal(size=(targets, 3, 3)) * 0.05
     gains = rng.normal(size=(targets, k, 3)) * rng.choice([1.0, 100.0], k)[:, None]
     size = 1 / np.sqrt((gains**2).sum(axis=(0, 2)))
     prices = [
         Price(
-            curve := rng.choice(curves).item(),
+            curve := rng.choice(("power", "exponential")).item(),
             rng.uniform(0.5, 5) * (s ** (n := rng.uniform(0.5, 2.5)) if curve == "power" else 1),
             n if curve == "power" else 1.0,
             s * rng.uniform(0.2, 3),
@@ -58,10 +51,6 @@ def random_problem(rng, k, targets, curves=("power", "exponential")):
     ]
     per = rng.choice([1 / sqrt(3), 1 / sqrt(6), 0.5], k)
     return root @ np.swapaxes(root, 1, 2), gains, prices, per, rng.uniform(0.6, 2, targets), 0.02 * size, 3 * size
-
-
-def total(noise, gains, per, half_width):
-    return noise + np.einsum("tia,tib,i->tab", gains, gains, (per * half_width) ** 2)
 
 
 def cost(prices, half_width):
@@ -115,8 +104,9 @@ def test_known_primal_and_dual():
         root = rng.normal(size=(targets, 3, 3)) * 0.05
         noise, gains = root @ np.swapaxes(root, 1, 2), rng.normal(size=(targets, k, 3)) * 50
         per, half_width = rng.choice([1 / sqrt(3), 0.5], k), rng.uniform(0.002, 0.01, k)
-        covariance = total(noise, gains, per, half_width)
-        squared = np.array([bound_squared(s) for s in covariance])
+        covariance = noise + np.einsum("tia,tib,i->tab", gains, gains, (per * half_width) ** 2)
+        # of the bound of P95, as the oracle states it
+        squared = np.array([np.trace(s) + (ONE - 1) * np.sqrt((s**2).sum()) for s in covariance])
         multipliers = np.array([rng.uniform(1, 5), rng.uniform(1, 5), 0.0])
         limits = np.sqrt(squared * np.array([1.0, 1.0, 1.3]))  # the third target has room, and no multiplier
         gradient = np.array([np.eye(3) + (ONE - 1) * s / np.linalg.norm(s) for s in covariance])
@@ -193,22 +183,16 @@ CURVES = {
 }
 
 
-def _arguments(problem: PlacementProblem) -> tuple[Array, Array, list[Price], Array]:
-    """Noise, gains, prices and standard deviation per half-width, as the allocation takes them."""
-    (demand,) = problem.demands
-    noise = image_covariance_by_score(problem, problem.system.fiducials_mm)
-    per = np.array([value for _, value in free_laws(problem)])
-    prices = [free.price for free in problem.half_widths]
-    return noise, terms_of(problem, demand).free_gain.T, prices, per
-
-
 @pytest.mark.parametrize("name", CURVES)
 @pytest.mark.parametrize("limit_mm", [0.5, 1.0])
 def test_the_exact_optimum_lies_in_the_convex_bracket(name: str, limit_mm: float) -> None:
     """independent: two solvers, two formulations; normal laws and no bias, where the bracket is one."""
     problem = fixed_layout(oracle_problem(8, limit_mm, law=Law.NORMAL), cube_fiducials())
-    problem = at_prices(problem, *[CURVES[name]] * 6)
-    noise, gains, prices, per = _arguments(problem)
+    prices = [CURVES[name]] * 6
+    problem = at_prices(problem, *prices)
+    noise = image_covariance_by_score(problem, problem.system.fiducials_mm)
+    gains = terms_of(problem, problem.demands[0]).free_gain.T
+    per = np.array([value for _, value in free_laws(problem)])
     convex = partial(allocate, noise, gains, prices, per, lower=problem.lower, upper=problem.upper)
     limits_mm = np.array([limit_mm])
     low, high = gaussian_bracket(convex, limits_mm, 0.95)
@@ -330,16 +314,15 @@ def test_a_wish_to_stop_is_heard_and_no_assignment_is_evaluated_twice():
 
 def test_one_grade_and_grades_that_are_too_loose():
     """closed form: within the limit at the loosest grades nothing is searched; free grades cost nothing."""
-    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 3
-    found = choose_grades(prices, lambda h: float(h.max()))
+    table = of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))
+    found = choose_grades([table] * 3, lambda h: float(h.max()))
     assert (found.names, found.bound.cost, found.bound.gap_percent) == (("rough",) * 3, 3.0, 0.0)
     assert "(2 evaluations" in found.bound.statement
     free = choose_grades([of_grades((PricedGrade("as it comes", 0.1, 0.0),))], lambda h: float(h.max()))
     assert (free.bound.cost, free.bound.lower_bound, free.bound.gap_percent) == (0.0, 0.0, 0.0)
     # closed form: the ratio at the tightest grades is in the message.
-    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 2
     with pytest.raises(InfeasibleError, match=r"is 1\.25 times its limit"):
-        choose_grades(prices, lambda h: float(h.sum()) / 0.16)
+        choose_grades([table] * 2, lambda h: float(h.sum()) / 0.16)
 
 
 def test_a_law_that_is_not_monotone_still_gets_a_feasible_answer():

@@ -135,7 +135,8 @@ def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
         at = np.concatenate([rng.uniform(-45, 45, 24), rng.uniform(-9, 9, 2), [-90.0]])
         found, slopes = (part.full() for part in both(at))
         numbers_there, along = expected(at), rng.normal(size=27)
-        sizes = np.repeat([np.abs(part).max(initial=0.0) for part in _parts(numbers_there)], _lengths(numbers_there))
+        parts = np.split(numbers_there, [6, 12, 15])
+        sizes = np.concatenate([np.full_like(part, np.abs(part).max(initial=0.0)) for part in parts])
         np.testing.assert_array_less(np.abs(found.ravel() - numbers_there), 1e-9 * sizes + 1e-15)
         step = 1e-4
         difference = (expected(at + step * along) - expected(at - step * along)) / (2 * step)
@@ -143,14 +144,6 @@ def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
     through_single_images = name == "noise that has a shape"
     absorbed = name == "known intrinsics" and estimator in ("dlt", "reprojection")
     assert found[12:].any() != (absorbed or through_single_images)
-
-
-def _parts(numbers: Array) -> list[Array]:
-    return np.split(numbers, [6, 12, 15])
-
-
-def _lengths(numbers: Array) -> list[int]:
-    return [len(part) for part in _parts(numbers)]
 
 
 def p95_mm(problem: PlacementProblem, layout: Array) -> float:

@@ -144,11 +144,10 @@ def test_the_smooth_price_has_a_slope_at_home_and_is_never_more_than_the_true_on
 def test_starts_are_within_reach_and_give_places_to_the_nearest(stay: dict[str, Any]) -> None:
     problem = read_request(load_design(document(8, **moving(stay=stay)))).problem
     home, wanted = problem.system.fiducials_mm, problem.stay
-    assert wanted is not None
     assert (wanted.cost_per_mm, wanted.at_most_mm) == (stay.get("cost_per_mm", 0.0), stay.get("at_most_mm", np.inf))
     kinds, groups = [0] * 8, [(i,) for i in range(8)]
     for start in prepare_search(problem, starts=3, seed=4, control=Control(threads=1)).starts:
-        layout = layout_of(start.x)
+        layout = (LOW + HIGH) / 2 + (HIGH - LOW) / 2 * start.x[:24].reshape(8, 3)  # scaled to the one box of all
         ways = np.linalg.norm(layout - home, axis=1)
         assert (layout >= LOW - 1e-9).all()
         assert (layout <= HIGH + 1e-9).all()
@@ -156,11 +155,6 @@ def test_starts_are_within_reach_and_give_places_to_the_nearest(stay: dict[str, 
         matched = match(Places(layout, groups, kinds), Places(home, groups, kinds))
         least = sum(float(np.linalg.norm(layout[i] - home[j])) for i, j in matched.items())
         assert "at_most_mm" in stay or ways.sum() == pytest.approx(least, rel=1e-9)
-
-
-def layout_of(x: Array) -> Array:
-    """(8, 3) of variables that are scaled to the one box of all."""
-    return (LOW + HIGH) / 2 + (HIGH - LOW) / 2 * x[:24].reshape(8, 3)
 
 
 def cost_with_moves(result: Optimisation, cost_per_mm: float) -> float:
@@ -224,7 +218,6 @@ def test_no_fiducial_by_itself_would_be_cheaper_elsewhere_or_at_home() -> None:
 
     here = total(now)
     assert here == pytest.approx(result.cost_after, rel=1e-6)
-    assert here is not None
     tried = 0
     for label in now:
         steps = np.array(now[label]) + 1.5 * np.vstack([np.eye(3), -np.eye(3)])
@@ -258,23 +251,17 @@ def test_what_moving_buys_is_what_the_optimiser_finds_without_it() -> None:
     told = optimised(document(6, **moving(starts=4)))
     result = optimised(document(6, **moving(starts=4, fewest_moves=True)))
     moves = result.moves
-    assert told.moves is not None
     assert (told.moves.alone, told.moves.needed, told.moves.evaluations) == ((), (), 0)
     assert "fewest_moves: true" in told.moves.sentence
     assert (result.cost_after, positions(result.design)) == (told.cost_after, positions(told.design))
-    assert moves is not None
-    assert moves.objective_left is not None
-    assert moves.kept_fraction is not None
     left = optimised(document(6, **moving(box=None, min_spacing_mm=None)))
     assert moves.objective_left == pytest.approx(left.cost_closed_form, rel=1e-4)
     fixed = [f"F{k}" for k in range(1, 7) if f"F{k}" not in moves.needed]
     few = optimised(document(6, **moving(starts=4, fixed=fixed)))
-    assert few.cost_closed_form is not None
     assert moves.objective_left - few.cost_closed_form >= 0.9 * (moves.objective_left - moves.objective_moved)
     assert 0.9 <= moves.kept_fraction <= 1 + 1e-9
     assert len(moves.alone) == 6
     best = min((each.objective, each.label) for each in moves.alone if each.objective is not None)
     alone = optimised(document(6, **moving(starts=4, fixed=[f"F{k}" for k in range(1, 7) if f"F{k}" != best[1]])))
-    assert alone.cost_closed_form is not None
     assert alone.cost_closed_form <= best[0] * (1 + 1e-4)
     assert f"{moves.evaluations} optima" in moves.sentence

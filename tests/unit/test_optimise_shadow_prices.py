@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from math import radians
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,8 +34,6 @@ from tailstack.optimisation.terms import terms_of
 from tailstack.system import Law
 
 LIMIT_MM = 0.7
-
-
 TIGHT_MM = np.array([[-40.0, -40, -60], [40, 40, 60]])
 
 
@@ -94,38 +91,26 @@ def _with_limit(problem: PlacementProblem, change: float) -> PlacementProblem:
     return replace(problem, requirements=(requirement(LIMIT_MM + change),))
 
 
-def _with_face(side: int, axis: int) -> Callable[[PlacementProblem, float], PlacementProblem]:
+def _with_lower_x_face(problem: PlacementProblem, by: float) -> PlacementProblem:
     """The face moved outwards."""
-
-    def change(problem: PlacementProblem, by: float) -> PlacementProblem:
-        box = TIGHT_MM.copy()
-        box[side, axis] += by if side else -by
-        return replace(problem, places=places_in_box(range(6), box))
-
-    return change
+    box = TIGHT_MM.copy()
+    box[0, 0] -= by
+    return replace(problem, places=places_in_box(range(6), box))
 
 
-def _with_largest(index: int, unit: float) -> Callable[[PlacementProblem, float], PlacementProblem]:
-    def change(problem: PlacementProblem, by: float) -> PlacementProblem:
-        free = list(problem.half_widths)
-        free[index] = replace(free[index], maximum=free[index].maximum + by * unit)
-        return replace(problem, half_widths=tuple(free))
-
-    return change
+def _with_largest_flange_rz(problem: PlacementProblem, by: float) -> PlacementProblem:
+    """by: in hundredths of a degree, as the price is told."""
+    *others, last = problem.half_widths
+    return replace(problem, half_widths=(*others, replace(last, maximum=last.maximum + by * radians(0.01))))
 
 
 def _with_field(field: str) -> Callable[[PlacementProblem, float], PlacementProblem]:
     return lambda problem, by: replace(problem, **{field: getattr(problem, field) + by})
 
 
-def _with_pivot(side: int, axis: int) -> Callable[[PlacementProblem, float], PlacementProblem]:
-    def change(problem: PlacementProblem, by: float) -> PlacementProblem:
-        (free,) = problem.pivots
-        low, high = free.low_mm.copy(), free.high_mm.copy()
-        (high if side else low)[axis] += by if side else -by
-        return replace(problem, pivots=(replace(free, low_mm=low, high_mm=high),))
-
-    return change
+def _with_upper_z_of_the_pivot(problem: PlacementProblem, by: float) -> PlacementProblem:
+    (free,) = problem.pivots
+    return replace(problem, pivots=(replace(free, high_mm=free.high_mm + np.array([0.0, 0.0, by])),))
 
 
 CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], float]] = {
@@ -133,9 +118,9 @@ CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], 
     "min_spacing_mm": (_with_field("min_spacing_mm"), 0.02),
     "target_clearance_px": (_with_field("target_clearance_px"), 0.2),
     "cost_limit": (_with_field("cost_limit"), 2.0),
-    "lower x face of the box": (_with_face(0, 0), 0.02),
-    "connector_flange rz largest half-width": (_with_largest(-1, radians(0.01)), 1.0),
-    "upper z bound of the pivot of connector_flange": (_with_pivot(1, 2), 0.05),
+    "lower x face of the box": (_with_lower_x_face, 0.02),
+    "connector_flange rz largest half-width": (_with_largest_flange_rz, 1.0),
+    "upper z bound of the pivot of connector_flange": (_with_upper_z_of_the_pivot, 0.05),
 }  # fmt: skip
 
 
@@ -171,37 +156,21 @@ def test_shadow_prices_are_slopes_of_the_optimum(name: str, monkeypatch: pytest.
         assert wanted == "lower x face of the box" or high - low <= 0.02 * abs(low + high), wanted
 
 
-def _per_unit(limit_mm: float, **changes: Any) -> PlacementProblem:
-    """Noise is most of the error: 0.25 mm of it in each unit, a known bias, uniform manufacturing errors."""
-    problem = fixed_layout(oracle_problem(8, limit_mm), cube_fiducials())
-    system = replace(
-        problem.system,
-        manufacturing_law=Law.UNIFORM,
-        manufacturing_half_width_mm=np.full((8, 3), 0.05),
-        structure_connector=replace(
-            problem.system.structure_connector, known=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])
-        ),
-    )
-    wanted = requirement(limit_mm, risk="per_unit", min_yield=0.9, **changes)
-    return replace(problem, system=system, requirements=(wanted,))
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("law", [Law.UNIFORM, Law.NORMAL])
 def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> None:
     """independent: the problem solved again 1 um on either side; where noise is most of the error, cost bends."""
 
     def problem(limit_mm: float) -> PlacementProblem:
-        found = _per_unit(limit_mm)
-        system = found.system
-        mounts: dict[str, Any] = {
-            name: replace(part, sources=replace(part.sources, laws=(law,) * part.sources.count))
-            for name, part in (
-                ("structure_connector", system.structure_connector),
-                ("connector_flange", system.connector_flange),
-            )
-        }
-        return replace(found, system=replace(system, **mounts))
+        """Noise is most of the error: 0.25 mm of it in each unit, a known bias, uniform manufacturing errors."""
+        found = fixed_layout(oracle_problem(8, limit_mm, law), cube_fiducials())
+        system = replace(
+            found.system,
+            manufacturing_law=Law.UNIFORM,
+            manufacturing_half_width_mm=np.full((8, 3), 0.05),
+            structure_connector=replace(found.system.structure_connector, known=np.array([0, 0, 0, 0.05, 0, 0.03])),
+        )
+        return replace(found, system=system, requirements=(requirement(limit_mm, risk="per_unit", min_yield=0.9),))
 
     limit_mm, step = 0.36, 0.001
     solution = solve_placement(problem(limit_mm), starts=2, seed=2, threads=1)

@@ -48,10 +48,6 @@ PROBLEMS: dict[str, PlacementProblem] = {
 }  # fmt: skip
 
 
-def given(problem: PlacementProblem) -> tuple[PlacementProblem, Any]:
-    return problem, tuple(terms_of(problem, demand) for demand in problem.demands)
-
-
 def broken_rules(problem: PlacementProblem, layout: Array) -> list[str]:
     """Every rule written out from the record of the problem, for scenes without bias: told is true."""
     found = []
@@ -97,7 +93,8 @@ def broken_rules(problem: PlacementProblem, layout: Array) -> list[str]:
 
 def list_layouts(problem: PlacementProblem, starts: int, seed: int) -> list[Array]:
     """All that the search would start from."""
-    return list(starting_layouts(*given(problem), starts, seed))
+    terms = tuple(terms_of(problem, demand) for demand in problem.demands)
+    return list(starting_layouts(problem, terms, starts, seed))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

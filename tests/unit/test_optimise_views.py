@@ -22,7 +22,7 @@ from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
 from tailstack.optimisation.offer import weigh_offer
 from tailstack.optimisation.search import ALONE
-from tailstack.results import Optimisation, Relaxation, ViewOffer
+from tailstack.results import Relaxation, ViewOffer
 from tailstack.studies.views import study_views
 
 BEAM, UP = np.array([0.42261826, 0.90630779, 0.0]), np.array([0.0, 0.0, 1.0])  # LAT, only 25 deg from AP
@@ -62,7 +62,6 @@ def test_turning_a_view_is_worth_what_the_plain_optimiser_finds_in_every_directi
     grid = [(a, b) for a in (-30.0, -15.0, 0.0, 15.0, 30.0) for b in (-30.0, -15.0, 0.0, 15.0, 30.0)]
     costs = {at: plain_cost(turned(base, *at)) for at in grid if hypot(*at) <= 30}
     found = optimised(with_views(base, {"view": "LAT", "cone_deg": 30.0}))
-    assert found.aimed is not None
     assert found.cost_after <= min(costs.values()) * (1 + 5e-4)
     assert found.cost_after < 0.81 * costs[0.0, 0.0]
     (view,) = found.aimed.views
@@ -82,7 +81,6 @@ def test_the_new_design_is_that_of_the_plain_optimiser_with_the_views_written_in
     base = poor()
     found = optimised(with_views(base, {"view": "LAT", "cone_deg": 20.0, "source_isocentre_mm": [650.0, 800.0]}))
     written = optimised(base | {"views": found.design["views"]})
-    assert found.aimed is not None
     assert found.cost_after == written.cost_after
     assert found.tolerances == written.tolerances
     assert 650 <= found.aimed.views[0].source_isocentre_mm <= 800
@@ -96,7 +94,6 @@ def test_a_limit_out_of_reach_as_the_views_are_aimed_is_kept_by_turning_one() ->
         optimised(base)
     found = optimised(with_views(base, {"view": "LAT", "cone_deg": 30.0}))
     assert found.verdict_status == "pass"
-    assert found.aimed is not None
     assert found.aimed.objective_as_aimed is None
 
 
@@ -105,16 +102,13 @@ def test_a_limit_out_of_reach_wherever_a_view_looks_is_refused_with_what_the_bes
     """independent: study views over the same grid says which that is; it is written by hand for the plain optimiser."""
     base = poor(limit_mm=0.01)
     best = study_views(load_design(base)).views[1].best
-    assert best is not None
     turned_by_hand = copy.deepcopy(base)
     turned_by_hand["views"][1] |= {"beam_direction": best.beam_direction, "up_direction": best.up_direction}
-    with pytest.raises(InfeasibleError) as as_it_stands:
-        optimised(base)
-    with pytest.raises(InfeasibleError) as plain:
-        optimised(turned_by_hand)
-    with pytest.raises(InfeasibleError) as free:
-        optimised(with_views(base, {"view": "LAT", "cone_deg": 30.0}))
-    assert free.value.problems[0].detail == plain.value.problems[0].detail != as_it_stands.value.problems[0].detail
+    free = with_views(base, {"view": "LAT", "cone_deg": 30.0})
+    told, by_hand, as_it_stands = (
+        problems_of(optimised, data, error=InfeasibleError)[0].detail for data in (free, turned_by_hand, base)
+    )
+    assert told == by_hand != as_it_stands
 
 
 MATRIX = {
@@ -135,11 +129,6 @@ def with_one_more(data: dict[str, Any], beam: Any, up: Any) -> dict[str, Any]:
     copied = {field: value for field, value in data["views"][0].items() if field != "orientation"}
     new = copied | {"name": "by hand", "beam_direction": list(beam), "up_direction": list(up)}
     return data | {"views": [*data["views"], new]}
-
-
-def offer_of(found: Optimisation) -> ViewOffer:
-    assert found.view_offer is not None
-    return found.view_offer
 
 
 @dataclass(frozen=True)
@@ -166,9 +155,7 @@ class Optimum:
 def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs: tuple[float, float]) -> None:
     """By an optimiser that knows what each design costs: 4 with the view and 10 without it."""
     design = load_design(with_views(poor(), OBLIQUE | {"price": price}))
-    assert design.document.optimise is not None
     added = design.document.optimise.added_view
-    assert added is not None
 
     def know(each: Design, aims: Any, rest: Any, added: Any = None) -> Any:
         aim = SimpleNamespace(view="OBL", beam_direction=tuple(BEAM), source_isocentre_mm=700.0)
@@ -178,9 +165,8 @@ def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs:
 
     found = weigh_offer(design, added, know, ALONE)
     assert (found.cost_after, found.cost_exact_law) == costs
-    assert (offer_of(found).cost_without, offer_of(found).cost_with, offer_of(found).worth) == (10.0, 4.0, 6.0)
+    assert (found.view_offer.cost_without, found.view_offer.cost_with, found.view_offer.worth) == (10.0, 4.0, 6.0)
     bound = found.certificate.cheapest
-    assert bound is not None
     assert (bound.cost, bound.lower_bound) == (costs[0], min(9.5, 3.9 + price))
     assert bound.gap_percent == pytest.approx(100 * (costs[0] / min(9.5, 3.9 + price) - 1))
     assert f"with OBL for {price:g} or without it" in bound.statement
@@ -189,7 +175,7 @@ def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs:
 @pytest.fixture(scope="module")
 def worth() -> tuple[float, float]:
     """independent: cost of the plain optimiser without the view, and with it written by hand where it was aimed."""
-    offer = offer_of(optimised(with_views(poor(), OBLIQUE | {"price": 1.0})))
+    offer = optimised(with_views(poor(), OBLIQUE | {"price": 1.0})).view_offer
     return plain_cost(poor()), plain_cost(with_one_more(poor(), offer.beam_direction, offer.up_direction))
 
 
@@ -199,15 +185,13 @@ def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_opt
     assert without > 1.3 * by_hand
     price = 0.9999 * (without - by_hand)
     found = optimised(with_views(poor(), OBLIQUE | {"price": price}))
-    offer = offer_of(found)
+    offer = found.view_offer
     assert offer.added
     assert (offer.cost_without, offer.cost_with) == (without, by_hand)
     assert offer.worth == pytest.approx(without - by_hand, rel=1e-12)
     assert found.cost_after == pytest.approx(by_hand + price, rel=1e-12)
     # What the check's margin costs is what it costs without a price: the price is in both costs.
     alone = optimised(with_one_more(poor(), offer.beam_direction, offer.up_direction))
-    assert found.cost_exact_law is not None
-    assert alone.cost_exact_law is not None
     margin = alone.cost_after - alone.cost_exact_law
     assert 0 < margin < 0.1 * alone.cost_after
     assert found.cost_after - found.cost_exact_law == pytest.approx(margin, rel=1e-6)
@@ -218,7 +202,6 @@ def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_opt
     assert views[2]["fiducial_noise_px"] == views[0]["fiducial_noise_px"]
     assert [view["name"] for view in found.design_before["views"]] == ["AP", "LAT"]  # type: ignore[attr-defined]
     again = load_design(found.design).document.optimise
-    assert again is not None
     assert [free.view for free in again.free_views] == ["OBL"]
     assert again.added_view is None
 
@@ -228,7 +211,7 @@ def test_a_view_is_left_out_above_that_price(worth: tuple[float, float]) -> None
     without, by_hand = worth
     price = 1.0001 * (without - by_hand)
     found = optimised(with_views(poor(), OBLIQUE | {"price": price}))
-    offer, plain = offer_of(found), optimised(poor())
+    offer, plain = found.view_offer, optimised(poor())
     assert not offer.added
     assert f"worth a price of up to {without - by_hand:.5g}" in offer.sentence
     assert found.cost_after == without
@@ -236,8 +219,6 @@ def test_a_view_is_left_out_above_that_price(worth: tuple[float, float]) -> None
     assert found.design["views"] == plain.design["views"]
     assert found.aimed is None
     again = load_design(found.design).document.optimise
-    assert again is not None
-    assert again.added_view is not None
     assert again.added_view.price == price
 
 
@@ -247,8 +228,6 @@ def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_
 ) -> None:
     """independent: the study's best direction and four turns by 45 deg, written by hand, turned by SciPy."""
     best = study_views(load_design(poor()))
-    assert best.further is not None
-    assert best.further.best is not None
     directions = [(best.further.best.beam_direction, best.further.best.up_direction)]
     beam, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     right = np.cross(beam, up)
@@ -257,9 +236,8 @@ def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_
         turn = Rotation.from_rotvec(about)
         directions.append((tuple(turn.apply(beam)), tuple(turn.apply(up))))
     assert worth[1] <= min(plain_cost(with_one_more(poor(), *each)) for each in directions)
-    offer = offer_of(optimised(with_views(poor(), OBLIQUE | {"price": 1.0})))
+    offer = optimised(with_views(poor(), OBLIQUE | {"price": 1.0})).view_offer
     assert offer.p95_without_mm == pytest.approx(best.p95_mm, rel=1e-6)
-    assert offer.p95_with_mm is not None
     assert offer.p95_with_mm <= best.further.best.p95_mm * 1.01  # type: ignore[operator]
 
 
@@ -267,26 +245,22 @@ def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_
 def test_a_limit_out_of_reach_without_the_view_adds_it_whatever_its_price() -> None:
     """independent: the plain optimiser refuses the limit with the two views."""
     base = poor(limit_mm=0.42)
-    with pytest.raises(InfeasibleError) as plain:
-        optimised(base)
+    plain = problems_of(optimised, base, error=InfeasibleError)[0]
     found = optimised(with_views(base, OBLIQUE | {"price": 1e8}))
-    offer = offer_of(found)
+    offer = found.view_offer
     assert offer.added
     assert offer.cost_without is None
     assert found.verdict_status == "pass"
     assert "whatever its price" in offer.sentence
-    assert "is 0.4549 mm" in plain.value.problems[0].detail
+    assert "is 0.4549 mm" in plain.detail
     assert "is 0.4549 mm" in offer.sentence
 
 
 def test_a_limit_out_of_reach_with_the_view_too_is_refused_for_both_designs() -> None:
     base = poor(limit_mm=0.01)
-    with pytest.raises(InfeasibleError) as plain:
-        optimised(base)
-    with pytest.raises(InfeasibleError) as refused:
-        optimised(with_views(base, OBLIQUE | {"price": 1.0}))
-    alone, with_it = refused.value.problems
-    assert alone.detail == plain.value.problems[0].detail
+    plain = problems_of(optimised, base, error=InfeasibleError)[0]
+    alone, with_it = problems_of(optimised, with_views(base, OBLIQUE | {"price": 1.0}), error=InfeasibleError)
+    assert alone.detail == plain.detail
     assert with_it.pointer == "/optimise/views/0"
     assert with_it.detail.startswith("nor is there one with the view: the smallest P95")
 
@@ -301,7 +275,7 @@ def test_a_search_that_is_stopped_before_the_view_was_tried_says_so() -> None:
     found = optimise(
         load_design(with_views(poor(), OBLIQUE | {"price": 1.0})), progress=follow, stop=lambda: next(stops, True)
     )
-    offer = offer_of(found)
+    offer = found.view_offer
     assert not offer.added
     assert offer.cost_with is None
     assert "stopped on request" in offer.sentence
@@ -320,9 +294,8 @@ def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
     found = optimise(
         design, progress=follow, stop=lambda: bool(steps) and steps[-1] >= 28
     )  # 25 are for the half without
-    assert offer_of(found).cost_with is not None
-    assert "stopped on request" in offer_of(found).sentence
-    assert found.aimed is not None
+    assert found.view_offer.cost_with is not None
+    assert "stopped on request" in found.view_offer.sentence
     assert "stopped on request" in found.aimed.sentence
 
 

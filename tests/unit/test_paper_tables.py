@@ -37,16 +37,16 @@ def tables() -> Any:
         yield importlib.import_module("tables")
 
 
-def oracle_system(name: str) -> System:
-    """A scenario of the oracle file, its metres made millimetres."""
+def oracle_system(name: str, of_a_metre: float = 1e3, noise_px: float = 1.0) -> System:
+    """A scenario of the oracle file in units of which a metre has so many: lengths are only numbers to the solver."""
     case = ORACLE[name]
-    fiducials, aim = np.array(case["fiducials_m"]) * 1e3, np.array(case["target_m"]) * 1e3
+    fiducials, aim = np.array(case["fiducials_m"]) * of_a_metre, np.array(case["target_m"]) * of_a_metre
     views = []
     for k, matrix in enumerate(case["P"]):
-        projection = np.array(matrix) @ np.diag([1e-3, 1e-3, 1e-3, 1.0])
+        projection = np.array(matrix) @ np.diag([1 / of_a_metre] * 3 + [1.0])
         projection /= np.linalg.norm(projection[2, :3])
         projection *= np.sign(depths(projection, fiducials).mean())
-        views.append(View(f"v{k + 1}", read_only(projection), 1.0, 1.0, None))
+        views.append(View(f"v{k + 1}", read_only(projection), noise_px, noise_px, None))
     seat = mount("structure_connector", (0.0, 0.0, 0.0))
     system = system_of(fiducials, views=tuple(views), targets=(target(aim),), structure_connector=seat)
     return replace(system, reading=READINGS[name])
@@ -54,12 +54,7 @@ def oracle_system(name: str) -> System:
 
 @cache
 def cells_of(name: str) -> list[Any]:
-    cells: list[Any] = importlib.import_module("tables").compute_cells(oracle_system(name), 60_000, 5)
-    return cells
-
-
-def compared(name: str) -> list[Any]:
-    return [cell for cell in cells_of(name) if not np.isnan(cell.z)]
+    return importlib.import_module("tables").compute_cells(oracle_system(name), 60_000, 5)
 
 
 def oracle_name(tables: Any, place: int, cell: Any) -> str:
@@ -98,7 +93,7 @@ def test_printed_cells_are_those_typed_a_second_time_and_those_of_the_oracle(tab
     assert found == typed()
     held = {cell["cell"]: cell["paper_m"] * 1e3 for cell in ORACLE["A"]["cells"]}
     assert {name: cell.printed_mm for name, cell in named(tables, "A").items()} == pytest.approx(held, rel=1e-9)
-    assert len(compared("A")) == 27
+    assert sum(not np.isnan(cell.z) for cell in cells_of("A")) == 27
     assert [float(row[4]) for row in tables.PRINTED["S3"]["rows"]] == ORACLE["A"]["S3_paper_m"]["analytic"]
 
 
@@ -266,10 +261,11 @@ def test_what_a_design_has_of_its_own_errors_stays_out(tables: Any) -> None:
 
 
 @pytest.mark.long
-def test_the_command_prints_what_the_page_states(tables: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["tables.py"])
-        tables.main()
+def test_the_command_prints_what_the_page_states(
+    tables: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["tables.py"])
+    tables.main()
     printed = capsys.readouterr().out
     page = " ".join((ROOT / "docs" / "paper.md").read_text(encoding="utf-8").split())
     assert "3 of 27 printed cells" in printed
@@ -280,32 +276,17 @@ def test_the_command_prints_what_the_page_states(tables: Any, capsys: pytest.Cap
     assert "c_arm: Cios Fusion C-arm, 100 mm cube; the target lies 165 mm from the pivot" in printed
     assert "165 mm from the seat" in page
     assert not any("outside" in line for line in printed.splitlines() if line.startswith(("S1", "S3")))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["tables.py", str(ROOT / "examples" / "demo.yaml"), "--csv", "--trials", "40000"])
-        tables.main()
+    monkeypatch.setattr("sys.argv", ["tables.py", str(ROOT / "examples" / "demo.yaml"), "--csv", "--trials", "40000"])
+    tables.main()
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert len(rows) == len(tables.list_printed())
 
 
-def scene(name: str, noise_px: float, level_deg: float = 0.0, level_mm: float = 0.0):
-    """System in metres: lengths are only numbers to the solver."""
-    case = ORACLE[name]
-    views = []
-    for k, matrix in enumerate(case["P"]):
-        projection = np.array(matrix) / np.linalg.norm(np.array(matrix)[2, :3])
-        depth = projection[2, :3] @ np.mean(case["fiducials_m"], axis=0) + projection[2, 3]
-        views.append(View(f"v{k}", read_only(projection * np.sign(depth)), noise_px, noise_px, None))
-    bias = [np.deg2rad(level_deg)] * 3 + [level_mm * 1e-3 / np.sqrt(3)] * 3
-    system = system_of(case["fiducials_m"], views=tuple(views), targets=(target(case["target_m"]),))
-    return replace(
-        system, structure_connector=mount("structure_connector", (0, 0, 0), bias=bias), reading=READINGS[name]
-    )
-
-
 def test_first_order_figures_of_scenario_a():
     exact = ORACLE["A"]["exact"]
-    # The file's second-order figures are those of the plain 4x4 triangulation in world coordinates.
-    result = score(replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED), second_order=True).targets[0]
+    # The file's second-order figures are those of the plain 4x4 triangulation in world coordinates, in metres.
+    system = replace(oracle_system("A", of_a_metre=1.0, noise_px=2.0), triangulation=Triangulation.PUBLISHED)
+    result = score(system, second_order=True).targets[0]
     assert result.std_mm == pytest.approx(exact["std_full"], rel=exact["tol_rel_Sigma"])
     assert result.mean_norm_mm == pytest.approx(exact["mean_norm"], rel=1e-6)
     assert result.p95_mm == pytest.approx(exact["P95"], rel=1e-6)

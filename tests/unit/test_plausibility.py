@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, read_cases, replaced
+from plain_data import DEMO, EVERY, EXAMPLES, REMOVED, problems_of, read_cases, replaced
 from tailstack.design import check_design, load_design
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.design.presets import PRESETS
@@ -19,7 +18,7 @@ from tailstack.errors import IllPosedError
 from tailstack.scoring import score
 
 EVERYDAY = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
-LOCATORS = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text())
+LOCATORS = EVERY["locators_321"]
 SEAT = ("interfaces", "structure_connector")
 
 
@@ -35,12 +34,11 @@ def doubted(document):
     return [each for each in problems_of(remarks, document, error=IllPosedError) if each.code in PLAUSIBILITY]
 
 
-def scaled(document, factor):
+def scaled(factor):
     """The demo with its structure in another unit: positions multiplied, and what rests on them left out."""
-    smaller = [
-        point | {"position_mm": [factor * x for x in point["position_mm"]]} for point in document["fiducials"]["points"]
-    ]
-    return replaced(replaced(document, ("optimise",), REMOVED), ("fiducials", "points"), smaller)
+    points = DEMO["fiducials"]["points"]
+    smaller = [point | {"position_mm": [factor * x for x in point["position_mm"]]} for point in points]
+    return replaced(replaced(DEMO, ("optimise",), REMOVED), ("fiducials", "points"), smaller)
 
 
 @pytest.mark.parametrize("path", EVERYDAY, ids=lambda path: path.stem)
@@ -95,12 +93,12 @@ def test_locators_are_held_to_the_same_ladder_and_hand_eye_is_no_seat() -> None:
 
 def test_a_structure_in_centimetres_is_remarked_and_one_in_micrometres_refused() -> None:
     """The demo's widest pair is 93 mm apart; ten times smaller it is smaller than its beads."""
-    found, sentences = remarks(scaled(DEMO, 0.1))
+    found, sentences = remarks(scaled(0.1))
     assert found == [("structure-size", "/fiducials/points")]
     assert "In centimetres (92.91 mm) they lie in all images: multiply by 10" in sentences
-    assert remarks(scaled(DEMO, 10 * 0.1))[0] == []  # obeyed
-    assert remarks(scaled(DEMO, 0.2))[0] == []
-    first, *_, last = problems_of(remarks, scaled(DEMO, 1000), error=IllPosedError)
+    assert remarks(scaled(10 * 0.1))[0] == []  # obeyed
+    assert remarks(scaled(0.2))[0] == []
+    first, *_, last = problems_of(remarks, scaled(1000), error=IllPosedError)
     assert first.code != "structure-size"  # it lies behind the source: that comes first
     assert (last.code, last.pointer) == ("structure-size", "/fiducials/points")
     assert "micrometres" in last.detail
@@ -170,12 +168,9 @@ def test_a_target_at_the_pivot():
         assert [rule for rule, _ in remarks(replaced(DEMO, pivot, place))[0]] == rules
     still = replaced(DEMO, SEAT, {"pivot_mm": [0, 0, 70]})  # a seat that does not turn needs no lever
     assert remarks(still)[0] == []
-    region = replaced(
-        DEMO, ("targets",), [{"name": "tip", "region": {"sphere": {"centre_mm": [0, 0, 70], "radius_mm": 1}}}]
-    )
     for radius, rules in (1.0, ["no-lever-arm"]), (10.0, []):
-        ball = replaced(region, ("targets", 0, "region", "sphere", "radius_mm"), radius)
-        assert [rule for rule, _ in remarks(replaced(ball, pivot, [0, 0, 70]))[0]] == rules
+        ball = {"name": "tip", "region": {"sphere": {"centre_mm": [0, 0, 70], "radius_mm": radius}}}
+        assert [rule for rule, _ in remarks(replaced(DEMO | {"targets": [ball]}, pivot, [0, 0, 70]))[0]] == rules
 
 
 def test_every_rule_is_met_above_and_says_where_its_numbers_come_from():

@@ -103,17 +103,16 @@ def test_known_shifts_are_those_of_the_chain():
 def test_noise_covariance_of_the_reference_cube():
     """oracle: implicit differentiation checked by 50-digit finite differences."""
     case = oracle("noise_covariance_cube8.json")
-    views = tuple(
-        View(f"v{k}", _unit_depth(np.array(p)), case["sigma_px"], case["sigma_px"], None)
-        for k, p in enumerate(case["P"])
-    )
+    views = views_of(case, case["sigma_px"], case["sigma_px"])
     system = system_of(case["fiducials"], views=views, targets=(target(case["target"]),))
     got = covariance(linearise(system, system.targets[0]), "localisation")
     assert np.allclose(got, case["Sigma"], rtol=0, atol=case["tol_Sigma_rel"] * np.abs(case["Sigma"]).max())
 
 
-def _unit_depth(projection):
-    return read_only(projection / np.linalg.norm(projection[2, :3]))
+def views_of(case, fiducial_px, target_px):
+    """Views by the projections of an oracle."""
+    scaled = [np.array(matrix) / np.linalg.norm(matrix[2][:3]) for matrix in case["P"]]
+    return tuple(View(f"v{k}", read_only(each), fiducial_px, target_px, None) for k, each in enumerate(scaled))
 
 
 def test_shared_fiducial_errors_keep_their_cross_view_covariance():
@@ -132,7 +131,7 @@ def test_shared_fiducial_errors_keep_their_cross_view_covariance():
 def test_triangulation_alone_against_the_closed_form():
     """oracle: known projection matrices, isocentre and off-centre."""
     case = oracle("perfect_calibration_bound.json")
-    views = tuple(View(f"v{k}", _unit_depth(np.array(p)), 0.0, 0.5, None) for k, p in enumerate(case["P"]))
+    views = views_of(case, 0.0, 0.5)
     for place, key in (("isocentre", "std_mm"), ("off_centre", "std_mm_depth_weighted_linear")):
         aim = target(case[place]["target"])
         system = system_of(cube_fiducials(), views=views, targets=(aim,))
@@ -197,8 +196,5 @@ def test_without_noise_the_bias_is_exact_for_every_layout(form):
         system = cube8_system(structure_connector=first, reading=reading, triangulation=form, views=with_noise(0.5))
         model = linearise(system, system.targets[0])
         assert np.allclose(model.reconstructed_mm, case[key], rtol=0, atol=case["tol_mm"])
-        assert np.allclose(
-            run(system, system.targets[0], {})["localisation"] + system.targets[0].position_mm,
-            case[key],
-            atol=case["tol_mm"],
-        )
+        located = run(system, system.targets[0], {})["localisation"] + system.targets[0].position_mm
+        assert np.allclose(located, case[key], atol=case["tol_mm"])

@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from plain_data import DEMO, EXAMPLES, problems_of
+from plain_data import DEMO, EVERY, problems_of, replaced
 from tailstack import load_design
 from tailstack.design import compile_design
 from tailstack.studies.radiostereometry import radiostereometry
 
 Array = NDArray[np.float64]
-CAGE: dict[str, Any] = yaml.safe_load((EXAMPLES / "radiostereometry.yaml").read_text("utf-8"))
+CAGE = EVERY["radiostereometry"]
 
 
 def far_views(noise_px: float) -> list[dict[str, Any]]:
@@ -147,11 +146,7 @@ def test_double_examinations_of_a_cage_come_out_as_numpy_draws_them() -> None:
             turn, centre, moved = fit(before, after)
         components = np.hstack([np.rad2deg(Rotation.from_matrix(turn).as_rotvec()), (moved - centre)[:, 0]])
         motion = np.linalg.norm(after - before, axis=2).max(axis=1)
-        told, own = model.estimate, model.simulated
-        low, high = model.simulated_from, model.simulated_to
-        assert own is not None
-        assert low is not None
-        assert high is not None
+        told = model.estimate
         expected = [*1.96 * np.sqrt((components**2).mean(axis=0)), sqrt((left**2).sum(axis=2).mean())]
         room = (5 / sqrt(2 * count) + 0.01) * np.array(expected)
         assert np.all(
@@ -160,7 +155,7 @@ def test_double_examinations_of_a_cage_come_out_as_numpy_draws_them() -> None:
         expected += [motion.mean(), np.sort(motion)[int(0.95 * count)]]
         simulated, begin, end = (
             np.array([*one.rotation_deg, *one.translation_mm, one.fitting_error_mm, one.mtpm_mean_mm, one.mtpm_p95_mm])
-            for one in (own, low, high)
+            for one in (model.simulated, model.simulated_from, model.simulated_to)
         )
         assert np.all((begin < simulated) & (simulated < end) & (end < 1.1 * begin))
         both = 5 / 3.92 * (end - begin) * sqrt(1 + 4096 / count)  # of the program's own pairs and of these
@@ -169,16 +164,12 @@ def test_double_examinations_of_a_cage_come_out_as_numpy_draws_them() -> None:
 
 def test_what_an_examination_shares_with_the_first_is_not_in_its_precision() -> None:
     """The cage is the same at both: beads that are made ten times worse widen the lines, and no double examination."""
-    rough = {
-        **CAGE,
-        "fiducials": {**CAGE["fiducials"], "manufacturing": {"half_width_mm": 0.2, "distribution": "normal"}},
-    }
+    rough = replaced(CAGE, ("fiducials", "manufacturing"), {"half_width_mm": 0.2, "distribution": "normal"})
     fine, coarse = (radiostereometry(load_design(data)) for data in (CAGE, rough))
     assert coarse.bodies == fine.bodies
     assert all(two.rms_mm > one.rms_mm for one, two in zip(fine.crossing_lines, coarse.crossing_lines, strict=True))
     assert fine.kept == ("fiducial manufacturing",)
-    each = {**CAGE["fiducials"]["manufacturing"], "drawn": "mounting"}
-    anew = radiostereometry(load_design({**CAGE, "fiducials": {**CAGE["fiducials"], "manufacturing": each}}))
+    anew = radiostereometry(load_design(replaced(CAGE, ("fiducials", "manufacturing", "drawn"), "mounting")))
     assert anew.kept == ()
     assert all(
         two.estimate.translation_mm > one.estimate.translation_mm

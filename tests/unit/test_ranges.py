@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 import numpy as np
 import pytest
 import yaml
-from pydantic import BaseModel
 
 from cure_walk import steps_of
-from plain_data import EXAMPLES, replaced
+from plain_data import EXAMPLES, replaced, value_at
+from records import records_below
 from tailstack.design import check_design, design_json_schema, load_design
 from tailstack.design.document import DesignDocument
 from tailstack.design.plausibility import PLAUSIBILITY, find_ranges, list_numbers
@@ -28,19 +29,10 @@ def is_numeric(kind: Any) -> bool:
     return get_origin(kind) is not typing.Literal and any(map(is_numeric, get_args(kind)))
 
 
-def records_of(kind: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        yield kind
-    for part in get_args(kind):
-        yield from records_of(part)
-
-
 def walk_fields() -> Iterator[tuple[str, bool, Any]]:
     """(record.field, whether it holds numbers itself, its ranges) of every field of a design document."""
-    seen: list[type[BaseModel]] = [DesignDocument]
-    for record in seen:
+    for record in records_below(DesignDocument):
         for name, field in record.model_fields.items():
-            seen += [each for each in records_of(field.annotation) if each not in seen]
             yield (
                 f"{record.__name__}.{name}",
                 is_numeric(field.annotation),
@@ -84,10 +76,6 @@ def test_the_schema_has_every_range():
 # --- what a slip of unit does -----------------------------------------------------------------------------
 
 
-def scaled(value: Any, factor: float) -> Any:
-    return [scaled(each, factor) for each in value] if isinstance(value, list) else value * factor
-
-
 def list_slips(path: Path) -> Iterator[tuple[str, str, Any]]:
     """(pointer, unit, the design's data with that number in that unit) of each number that a design states."""
     data = yaml.safe_load(path.read_text())
@@ -99,19 +87,15 @@ def list_slips(path: Path) -> Iterator[tuple[str, str, Any]]:
             if isinstance(written, list) and len(written) == 4:
                 slip = [[*row[:3], row[3] / factor] for row in written[:3]] + [written[3]]
             else:
-                slip = scaled(written, 1 / factor)
+                slip = (np.array(written, dtype=float) * (1 / factor)).tolist()
             yield number.pointer, unit, replaced(data, steps_of(number.pointer), slip)
 
 
 def find(data: Any, pointer: str) -> Any:
-    for step in pointer.split("/")[1:]:
-        try:
-            data = data[int(step)] if isinstance(data, list) else data.get(step)
-        except (IndexError, AttributeError):
-            return None
-        if data is None:
-            return None
-    return data
+    """What a document states there; None: nothing."""
+    with suppress(LookupError, TypeError):
+        return value_at(data, steps_of(pointer))
+    return None
 
 
 # Slips that nobody sees although they lower P95 by more than a tenth: what is written is what others mean, and no other

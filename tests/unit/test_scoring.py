@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from scipy.stats import chi2
 
+from plain_data import DEMO, EVERY, problems_of, replaced
 from reference_chain import run
 from scenes import (
     CIOS_FIDUCIALS_MM,
@@ -41,21 +41,19 @@ from tailstack.results.verdicts import decisive_check
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import declared, sampling
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[1] / "data"
 OPENAPI = Path(__file__).parents[2] / "openapi" / "openapi.json"
 DEGREES = np.deg2rad(1.0)
-
-
-def with_sources(system: System, contributor: str, **changes):
-    there = getattr(system, contributor)
-    return replace(system, **{contributor: replace(there, sources=replace(there.sources, **changes))})
+INSTALLED = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
+LOCATORS = EVERY["locators_321"]
 
 
 def scaled(system: System, contributor: str, index: int, factor: float) -> System:
-    half = getattr(system, contributor).sources.half_width.copy()
+    there = getattr(system, contributor)
+    half = there.sources.half_width.copy()
     half[index] *= factor
-    return with_sources(system, contributor, half_width=read_only(half))
+    changed = replace(there.sources, half_width=read_only(half))
+    return replace(system, **{contributor: replace(there, sources=changed)})
 
 
 def p95(system: System) -> float:
@@ -153,12 +151,9 @@ def test_bounded_components_take_their_worst_ends():
 def test_per_unit_yield_against_nested_sampling():
     """sampled: 600 units x 400 shots of the linear law; yield within 4 standard errors (1 in 16,000)."""
     rng = np.random.default_rng(21)
-    system = cube8_system(
-        connector_flange=mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3),
-        views=with_noise(1.0),
-    )
     limit = 0.75
-    system = replace(system, requirements=(Requirement("r", "tcp", 0.95, limit, 0.95, ("target",)),))
+    asked = Requirement("r", "tcp", 0.95, limit, 0.95, ("target",))
+    system = cube8_system(connector_flange=INSTALLED, views=with_noise(1.0), requirements=(asked,))
     result = score(system, losses=False).targets[0]
     model = linearise(system, system.targets[0])
     unit = next(b for b in model.blocks if b.contributor == "connector_flange")
@@ -174,21 +169,18 @@ def test_per_unit_yield_against_nested_sampling():
 
 def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
     """A tighter pooled limit beside it says nothing of units: 0.684 stood beside the check's 0.970."""
-    installed = mount("connector_flange", (0, 0, -145), half_width=[0.1 * DEGREES] * 3 + [0.05] * 3)
     pooled = Requirement("all", "tcp", 0.95, 0.5, 0.95, ("target",))
     each = Requirement("each", "tcp", 0.99, 0.8, 0.95, ("target",), "per_unit", 0.9)
-    result = score(cube8_system(connector_flange=installed, requirements=(pooled, each)), losses=False)
+    result = score(cube8_system(connector_flange=INSTALLED, requirements=(pooled, each)), losses=False)
     unit, check = result.targets[0].per_unit, result.verdict.checks[1]
     assert (unit.limit_mm, unit.quantile, unit.units_fraction) == (0.8, 0.99, 0.9)
     assert (unit.value_mm, unit.yield_fraction) == (check.value, check.yield_fraction)
     assert 0.0 < unit.yield_fraction < 1.0
-    assert (
-        unit.p95_of_units_mm
-        == score(cube8_system(connector_flange=installed), losses=False).targets[0].per_unit.p95_of_units_mm
-    )
+    unasked = score(cube8_system(connector_flange=INSTALLED), losses=False).targets[0]
+    assert unit.p95_of_units_mm == unasked.per_unit.p95_of_units_mm
     assert result.targets[0].limit_mm == 0.5
     # of all units together nothing is asked by a requirement on each
-    alone = score(cube8_system(connector_flange=installed, requirements=(each,)), losses=False).targets[0]
+    alone = score(cube8_system(connector_flange=INSTALLED, requirements=(each,)), losses=False).targets[0]
     assert (alone.limit_mm, alone.exceedance_probability) == (None, None)
 
 
@@ -261,10 +253,9 @@ def shrunk(value, factor):
 @pytest.mark.parametrize("factor", [1e-9, 1e-20, 1e-100, 1e-300])
 def test_nothing_random_is_left_of_noise_that_vanishes(factor):
     """closed form: P95, mean and CVaR are the length of the bias, to the noise; nothing is refused, nothing warns."""
-    whole = load_design(EXAMPLES / "demo.yaml")
-    system = compile_design(whole)
+    system = compile_design(load_design(DEMO))
     bias = np.linalg.norm(linearise(system, system.targets[0]).bias_mm("tcp"))
-    target = score(load_design(shrunk(whole.source.data, factor)), losses=False).targets[0]
+    target = score(load_design(shrunk(DEMO, factor)), losses=False).targets[0]
     for value in (target.p95_mm, target.mean_norm_mm, target.cvar95_mm, target.per_unit.p95_of_units_mm):
         assert value == pytest.approx(bias, rel=1e-11, abs=4 * factor)
     for line in target.contributors:
@@ -333,12 +324,9 @@ def test_beyond_p999_first_order_decides_nothing():
 def test_one_normal_tolerance_far_above_all_others(place: str, half_width_mm: float) -> None:
     """closed_form: the norm is |x| of a normal x but for sources across it of 0.4 mm, which add their variance over
     2 |x|: 1.959964 times the standard deviation to 2e-4.  Its own line of the budget says the same."""
-    document = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
-    mounts = document["execution"] if place == "hand_eye" else document["interfaces"]
-    mounts[place]["tolerances"]["tx"] = {
-        "half_width_mm": half_width_mm, "distribution": "normal", "coverage_factor": 2
-    }  # fmt: skip
-    found = score(load_design(document), losses=False).targets[0]
+    path = ("execution" if place == "hand_eye" else "interfaces", place, "tolerances", "tx")
+    tolerance = {"half_width_mm": half_width_mm, "distribution": "normal", "coverage_factor": 2}
+    found = score(load_design(replaced(DEMO, path, tolerance)), losses=False).targets[0]
     assert found.p95_mm == pytest.approx(1.959964 * half_width_mm / 2, rel=2e-4)
     assert found.law_error_mm < 1e-3 * found.p95_mm
     wide = next(line for line in found.contributors if (line.name, line.component) == (place, "tx"))
@@ -419,23 +407,12 @@ def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
     assert score(system, losses=False).reliability == ()
 
 
-def data_of(name: str) -> dict[str, Any]:
-    data: dict[str, Any] = yaml.safe_load((EXAMPLES / f"{name}.yaml").read_text(encoding="utf-8"))
-    return data
+JUDGED_NOWHERE = {name: part for name, part in LOCATORS.items() if name not in ("requirements", "optimise")}
+MISSED_AT_TWO = replaced(DEMO, ("fiducials", "loss_probability"), 0.02)
+MISSED_AT_TWO["targets"].append({"name": "near", "position_mm": [0, 0, 10]})
 
 
-def missed_at_two() -> dict[str, Any]:
-    data = data_of("demo")
-    data["fiducials"]["loss_probability"] = 0.02
-    return {**data, "targets": [*data["targets"], {"name": "near", "position_mm": [0, 0, 10]}]}
-
-
-def judged_nowhere() -> dict[str, Any]:
-    data = data_of("locators_321")
-    return {name: part for name, part in data.items() if name not in ("requirements", "optimise")}
-
-
-@pytest.mark.parametrize("data", [data_of("locators_321"), missed_at_two(), judged_nowhere()])
+@pytest.mark.parametrize("data", [LOCATORS, MISSED_AT_TWO, JUDGED_NOWHERE], ids=["shipped", "missed", "judged nowhere"])
 @pytest.mark.parametrize("losses", [False, True])
 def test_of_some_targets_a_score_tells_what_it_tells_of_all(data: dict[str, Any], losses: bool) -> None:
     """And of the one that decides and the one with the largest P95; all else is of every target, to the last digit."""
@@ -450,7 +427,5 @@ def test_of_some_targets_a_score_tells_what_it_tells_of_all(data: dict[str, Any]
 
 
 def test_a_target_that_there_is_not_is_refused() -> None:
-    with pytest.raises(DesignError) as refused:
-        score(load_design(data_of("locators_321")), losses=False, targets=["center"])
-    assert refused.value.problems[0].code == "unknown-target"
-    assert refused.value.problems[0].hint == "did you mean centre?"
+    problem = problems_of(score, load_design(LOCATORS), losses=False, targets=["center"], error=DesignError)[0]
+    assert (problem.code, problem.hint) == ("unknown-target", "did you mean centre?")

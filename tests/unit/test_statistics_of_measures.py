@@ -239,7 +239,6 @@ def test_ppk_is_of_the_number_with_its_sign_and_sigma_levels_are_those_of_a_norm
         assert axial.ppk == pytest.approx(expected, rel=0.03)
         assert all(each.ppk is None for each in found.measures if each.measure != "axial")
         table = quality_table(found.targets, found.measures)
-        assert table is not None
         titles = [column.title for column in table.columns]
         tip, depth = (dict(zip(titles, row.cells, strict=True)) for row in table.rows)
         assert depth["Ppk"] == axial.ppk

@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import chi2, kstest
 
 import reference_chain
-from scenes import broken_system, cube8_system, mount
+from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack.errors import LimitError, OutOfRangeError
 from tailstack.geometry.arrays import Array
 from tailstack.montecarlo.chain import draw
@@ -51,10 +51,10 @@ def scene() -> System:
     )
 
 
-def measured(values: Array, sizes: tuple[int, ...], deliberate: Array | None = None, level: str = "L") -> Measurements:
+def measured(values: Array, sizes: tuple[int, ...], deliberate: Array | None = None) -> Measurements:
     """What reading a file of vectors (n, 3) or norms (n,) gives."""
     form = "vectors" if values.ndim == 2 else "norms"
-    group = Group(level, "target", deliberate, values, sizes, tuple(map(str, sizes)), 2)
+    group = Group("L", "target", deliberate, values, sizes, tuple(map(str, sizes)), 2)
     return Measurements("bench.csv", "0" * 64, form, "mm", len(values), (group,), True, ())  # type: ignore[arg-type]
 
 
@@ -71,9 +71,7 @@ def test_moments_are_those_of_numpy() -> None:
         pooled = sum((len(part) - 1) * np.cov(part.T) for part in parts) / 6
         means = np.array([part.mean(axis=0) for part in parts])
         np.testing.assert_allclose(found.mean[bench], means.mean(axis=0), rtol=1e-12)
-        assert found.within is not None
         np.testing.assert_allclose(found.within[bench], pooled, rtol=1e-12)
-        assert found.between is not None
         np.testing.assert_allclose(found.between[bench], np.cov(means.T), rtol=1e-12)
     norms = np.linalg.norm(errors, axis=2)
     by_hand = np.sqrt(sum(part.var(ddof=0) * len(part) for part in np.split(norms[0], [2, 6])) / 6)
@@ -208,8 +206,6 @@ def test_a_bench_as_designed_agrees() -> None:
     level = study.levels[0]
     assert study.verdict == "agrees"
     assert len(level.tests) == 4
-    assert level.spread is not None
-    assert level.spread.interval is not None
     assert level.spread.interval[0] < 1 < level.spread.interval[1]
     assert "That is not equality" in study.conclusions[1]
 
@@ -222,9 +218,7 @@ def test_a_tilt_is_found() -> None:
     bent = replace(scene(), connector_flange=replace(seat, known=np.array([tilt, 0, 0, 0, 0, 0])))
     study = studied(scene(), plain_bench(bent, np.random.default_rng(8), (3,) * 6), (3,) * 6)
     assert study.verdict == "differs"
-    level = study.levels[0]
-    assert level.bias is not None
-    low, high = level.bias.interval_mm[1]
+    low, high = study.levels[0].bias.interval_mm[1]
     assert low < -215 * tilt < high
     assert any("mean" in said and "outside the predicted range in y" in said for said in study.conclusions)
 
@@ -233,10 +227,8 @@ def test_loud_images_are_found() -> None:
     """independent: the plain chain with 1 px instead of 0.5 px, one installation of 20, seed 9.  The spread is then
     twice the predicted one."""
     study = studied(scene(), plain_bench(scene(), np.random.default_rng(9), (20,), noise=1.0), (20,))
-    spread = study.levels[0].spread
-    assert spread is not None
-    assert spread.interval is not None
-    assert spread.interval[0] < 2 < spread.interval[1]
+    low, high = study.levels[0].spread.interval
+    assert low < 2 < high
     assert "spread from trial to trial" in study.conclusions[-1]
 
 
@@ -249,7 +241,6 @@ def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
     many = rng.multivariate_normal(np.zeros(3), sigma, (40_000, 4))
     q1, q2 = np.quantile(np.sqrt(many.var(axis=1, ddof=1).sum(axis=1) / np.trace(sigma)), [0.025, 0.975])
     spread = studied(system, many[0], (4,)).levels[0].spread
-    assert spread is not None
     assert spread.interval == pytest.approx((spread.ratio / q2, spread.ratio / q1), rel=0.02)
 
 
@@ -272,7 +263,6 @@ def test_a_level_is_predicted_with_its_installation_error() -> None:
     errors = bias + np.random.default_rng(12).normal(0, 0.09, (12, 3))
     study = study_comparison(system, measured(errors, (12,), torsor), error="localisation")
     level = study.levels[0]
-    assert level.bias is not None
     assert level.bias.predicted_mm == pytest.approx(tuple(bias), abs=0.01)
     assert level.deliberate_deg_mm == pytest.approx((1.0, 0, 0, 0, 1.0, 0))
     assert not next(test for test in level.tests if test.test == "mean").differs
@@ -343,10 +333,8 @@ def test_the_answer_is_the_seed_s() -> None:
 
 @pytest.mark.long
 def test_a_design_that_predicts_no_spread_is_refused() -> None:
-    system = cube8_system()
-    silent = replace(system, views=tuple(replace(v, fiducial_noise_px=0, target_noise_px=0) for v in system.views))
     with pytest.raises(OutOfRangeError, match="predicts no spread"):
-        studied(silent, np.zeros((3, 3)), (3,))
+        studied(cube8_system(views=with_noise(0.0)), np.zeros((3, 3)), (3,))
 
 
 def test_beyond_first_order_the_chain_itself_is_the_reference() -> None:

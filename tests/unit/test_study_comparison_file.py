@@ -70,19 +70,15 @@ def test_units_are_noted_installations_put_together_and_twins_remarked() -> None
 def test_levels_and_their_installation_errors() -> None:
     found = read("level,rx_deg,tz_cm,error_cm\nL0,0,0,1\nL0,0,0,2\nL0,0,0,3\nL1,90e-1,.5,1\nL1,9,0.5,2\nL1,9.0,.50,3\n")
     first, second = found.groups
-    assert first.deliberate is not None
     assert not first.deliberate.any()
     assert second.deliberate == pytest.approx([np.deg2rad(9), 0, 0, 0, 0, 5.0])
     assert read(POINTS).groups[0].deliberate is None
 
 
 def test_summary_statistics() -> None:
-    found = read("level,n,mean_mm,sd_mm\nL0,12,0.5,0.1\nL1,12,0.9,0.2\n")
-    first = found.groups[0].summary
-    assert first is not None
+    first = read("level,n,mean_mm,sd_mm\nL0,12,0.5,0.1\nL1,12,0.9,0.2\n").groups[0].summary
     assert (first.n, first.mean_mm, first.sd_mm) == (12, 0.5, 0.1)
     bare = read("level,mean_m\nL0,0.001\n").groups[0].summary
-    assert bare is not None
     assert (bare.n, bare.mean_mm, bare.sd_mm) == (None, 1.0, None)
 
 
@@ -142,7 +138,6 @@ def test_points_in_con_are_errors_in_the_frame_asked_for() -> None:
             study_comparison(system, text.encode(), error=error).levels[0]  # type: ignore[arg-type]
             for text in (points, vectors)
         ]
-        assert found[0].bias is not None
         assert found[0].bias.measured_mm == pytest.approx(tuple(expected.mean(axis=0)), abs=1e-9)
         assert [test.p_value for test in found[0].tests] == [test.p_value for test in found[1].tests]
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import reference_chain
-from scenes import broken_system, cube8_system, mount, projection_looking, system_of
+from plain_data import problems_of
+from scenes import broken_system, cube8_system, mount, projection_looking, with_noise
 from tailstack.errors import LimitError, OutOfRangeError, StudyError
 from tailstack.geometry.rotation import RotationForm
 from tailstack.studies.coupling import (
@@ -48,16 +49,16 @@ def case_of(study: StudyCoupling, reading: str, rotation_deg: float | None) -> C
     return next(case for case in study.cases if case.reading == reading and case.rotation_deg == rotation_deg)
 
 
-def level_matrix(level: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """R and the shift of ``X -> R (X - p) + p + t``, written out."""
-    angle, t = np.deg2rad(level[0]), np.full(3, level[1] / np.sqrt(3))
+def level_matrix() -> tuple[np.ndarray, np.ndarray]:
+    """R and the shift of ``X -> R (X - p) + p + t`` of LEVEL, written out."""
+    angle, t = np.deg2rad(LEVEL[0]), np.full(3, LEVEL[1] / np.sqrt(3))
     rotation = reference_chain.rotation(np.full(3, angle), RotationForm.FULL)
     return rotation, PIVOT + t - rotation @ PIVOT
 
 
 def test_installation_alone_is_the_rigid_displacement(cube: StudyCoupling) -> None:
     """closed_form: T q in the Eq 18 reading, T^-1 q in the physical one, minus q."""
-    rotation, shift = level_matrix(LEVEL)
+    rotation, shift = level_matrix()
     assert case_of(cube, "eq18", 2.0).p95_installation_mm == pytest.approx(
         np.linalg.norm(rotation @ Q + shift - Q), rel=1e-9
     )
@@ -79,7 +80,7 @@ def test_eq18_turns_the_noise_and_leaves_its_size(cube: StudyCoupling) -> None:
     case = case_of(cube, "eq18", 2.0)
     assert abs(case.gain.value - 1) < 1e-9
     assert max(abs(end - 1) for end in case.gain.interval) < 1e-9
-    rotation, shift = level_matrix(LEVEL)
+    rotation, shift = level_matrix()
     rng = np.random.default_rng(3)
     noise = rng.multivariate_normal(np.zeros(3), np.array(ORACLE["Sigma"]), 1_000_000)
     errors = rotation @ Q + shift - Q + noise @ rotation.T
@@ -127,10 +128,8 @@ def test_first_order_predicts_what_quadrature_does_not(cube: StudyCoupling) -> N
 def test_declared_laws_are_sampled_as_declared() -> None:
     """closed_form: with uniform tolerances on one translation and vanishing noise the error is uniform: P95 = 0.95 h.
     sampled: 0.4 % is 3 sigma of P95 at 32,768 trials (density 1 / h)."""
-    half = np.zeros(6)
-    half[3] = 0.3
-    system = cube8_system(structure_connector=mount("structure_connector", PIVOT, half_width=half, law=Law.UNIFORM))
-    quiet = replace(system, views=tuple(replace(v, fiducial_noise_px=1e-4, target_noise_px=1e-4) for v in system.views))
+    seat = mount("structure_connector", PIVOT, half_width=(0, 0, 0, 0.3, 0, 0), law=Law.UNIFORM)
+    quiet = cube8_system(structure_connector=seat, views=with_noise(1e-4))
     study = study_coupling(quiet, levels=(), trials=2**15)
     assert {case.reading for case in study.cases} == {"physical", "eq18"}
     for case in study.cases:
@@ -141,11 +140,9 @@ def test_declared_laws_are_sampled_as_declared() -> None:
 
 def test_bounded_components_stand_at_their_worst_end() -> None:
     """closed_form: a bias of 0.2 mm and a bounded 0.3 mm along it make 0.5 mm (within the noise of 1e-4 px)."""
-    half, bias = np.zeros(6), np.zeros(6)
-    half[5], bias[5] = 0.3, 0.2
-    seat = mount("structure_connector", PIVOT, bias=bias, half_width=half, law=Law.BOUNDED)
-    system = cube8_system(structure_connector=seat)
-    quiet = replace(system, views=tuple(replace(v, fiducial_noise_px=1e-4, target_noise_px=1e-4) for v in system.views))
+    along = np.array([0, 0, 0, 0, 0, 0.1])
+    seat = mount("structure_connector", PIVOT, bias=2 * along, half_width=3 * along, law=Law.BOUNDED)
+    quiet = cube8_system(structure_connector=seat, views=with_noise(1e-4))
     study = study_coupling(quiet, levels=((0.0, 1.0),), trials=2**13)
     designed, moved = (case_of(study, "physical", degrees) for degrees in (None, 0.0))
     assert designed.p95_installation_mm == pytest.approx(0.5, rel=1e-6)
@@ -285,19 +282,15 @@ def test_progress_reaches_its_end_and_what_is_held_at_a_time_is_bounded() -> Non
 
 
 @pytest.mark.parametrize(
-    ("changes", "options", "code"),
+    ("noise_px", "options", "code"),
     [
-        ({}, {"trials": 8191}, "too-few-trials"),
-        ({}, {"levels": ((46.0, 0.0),)}, "level"),
-        ({}, {"levels": ((float("nan"), 0.0),)}, "level"),
-        ({"views": "silent"}, {}, "no-noise"),
+        (0.5, {"trials": 8191}, "too-few-trials"),
+        (0.5, {"levels": ((46.0, 0.0),)}, "level"),
+        (0.5, {"levels": ((float("nan"), 0.0),)}, "level"),
+        (0.0, {}, "no-noise"),
     ],
 )
-def test_what_cannot_be_measured_is_refused(changes: dict, options: dict, code: str) -> None:
-    system = cube8_system()
-    if changes:
-        views = tuple(replace(v, fiducial_noise_px=0.0, target_noise_px=0.0) for v in system.views)
-        system = system_of(system.fiducials_mm, views=views)
-    with pytest.raises(OutOfRangeError) as refused:
-        study_coupling(system, **{"trials": 8192, **options})
-    assert refused.value.problems[0].code == code
+def test_what_cannot_be_measured_is_refused(noise_px: float, options: dict, code: str) -> None:
+    system = cube8_system(views=with_noise(noise_px))
+    problems = problems_of(study_coupling, system, **{"trials": 8192, **options}, error=OutOfRangeError)
+    assert problems[0].code == code

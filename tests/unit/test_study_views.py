@@ -10,20 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import Rotation
 
-from plain_data import EXAMPLES, read_cases
+from plain_data import EVERY, EXAMPLES, read_cases
 from tailstack.design import load_design
 from tailstack.errors import StudyError
 from tailstack.scoring import score
-from tailstack.studies.views import BeamDirection, StudyViews, ViewMap, refuse_steps, study_views
+from tailstack.studies.views import BeamDirection, StudyViews, refuse_steps, study_views
 
 LAT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # right, top and beam of its image, in con
-
-
-def document(name: str) -> dict[str, Any]:
-    return yaml.safe_load((EXAMPLES / f"{name}.yaml").read_text(encoding="utf-8"))
+PLATE = EVERY["flat_plate"]
 
 
 def aimed(view: dict[str, Any], at: BeamDirection) -> dict[str, Any]:
@@ -40,28 +36,20 @@ def plate() -> StudyViews:
     return study_views(load_design(EXAMPLES / "flat_plate.yaml"))
 
 
-def best_of(one: ViewMap | None) -> BeamDirection:
-    assert one is not None
-    assert one.best is not None
-    return one.best
-
-
 @pytest.mark.long
 def test_the_p95_of_a_direction_is_the_score_of_the_design_with_that_direction(plate: StudyViews) -> None:
     """independent: the document is written by hand, a view turned or one appended, and scored."""
-    base = document("flat_plate")
-    assert plate.p95_mm == pytest.approx(largest_p95(base), rel=1e-12)
+    assert plate.p95_mm == pytest.approx(largest_p95(PLATE), rel=1e-12)
     for place in (0, 1):
         allowed = [one for one in plate.views[place].directions if one.p95_mm is not None]
-        for one in (allowed[0], allowed[7], allowed[-1], best_of(plate.views[place])):
-            turned = [aimed(view, one) if k == place else view for k, view in enumerate(base["views"])]
-            assert one.p95_mm == pytest.approx(largest_p95(base | {"views": turned}), rel=1e-9)
-    assert plate.further is not None
-    for one in (plate.further.directions[0], best_of(plate.further)):
-        more = aimed(base["views"][0], one) | {"name": "of my own"}
-        assert one.p95_mm == pytest.approx(largest_p95(base | {"views": [*base["views"], more]}), rel=1e-12)
+        for one in (allowed[0], allowed[7], allowed[-1], plate.views[place].best):
+            turned = [aimed(view, one) if k == place else view for k, view in enumerate(PLATE["views"])]
+            assert one.p95_mm == pytest.approx(largest_p95(PLATE | {"views": turned}), rel=1e-9)
+    for one in (plate.further.directions[0], plate.further.best):
+        more = aimed(PLATE["views"][0], one) | {"name": "of my own"}
+        assert one.p95_mm == pytest.approx(largest_p95(PLATE | {"views": [*PLATE["views"], more]}), rel=1e-12)
     for drawn in (*plate.views, plate.further):
-        assert best_of(drawn).p95_mm == min(each.p95_mm for each in drawn.directions if each.p95_mm is not None)
+        assert drawn.best.p95_mm == min(each.p95_mm for each in drawn.directions if each.p95_mm is not None)
 
 
 def test_a_view_turns_about_the_axis_across_its_beam_and_its_image_turns_with_it(plate: StudyViews) -> None:
@@ -72,17 +60,16 @@ def test_a_view_turns_about_the_axis_across_its_beam_and_its_image_turns_with_it
         turn = Rotation.from_rotvec(axis, degrees=True)
         np.testing.assert_allclose(one.beam_direction, turn.apply(beam), atol=1e-6)
         np.testing.assert_allclose(one.up_direction, turn.apply(top), atol=1e-6)
-    best = plate.views[1]
-    for other in best.angles:
+    lateral = plate.views[1]
+    for other in lateral.angles:
         assert other.view == "AP"
-        assert other.angle_deg == pytest.approx(np.degrees(np.arccos(abs(best_of(best).beam_direction[1]))), abs=1e-4)
+        assert other.angle_deg == pytest.approx(np.degrees(np.arccos(abs(lateral.best.beam_direction[1]))), abs=1e-4)
 
 
 def test_exactly_the_directions_that_hide_something_are_not_allowed(plate: StudyViews) -> None:
     """closed_form: a pinhole over the detector, written out; 29 directions on a grid of 10 deg within 30 deg."""
-    base = document("flat_plate")
-    view = base["views"][1]
-    design = load_design(base)
+    view = PLATE["views"][1]
+    design = load_design(PLATE)
     points = np.array([*design.fiducials.positions_mm, *(target.position_mm for target in design.document.targets)])
     iso = np.array(view.get("isocentre_mm", (0, 0, 0)))
     directions = plate.views[1].directions

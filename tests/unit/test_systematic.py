@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plain_data import DEMO, REMOVED, problems_of, replaced
+from plain_data import DEMO, REMOVED, problems_of, replaced, value_at
 from scenes import projection_looking
 from tailstack import DesignFunction, load_design, score, sweep
 from tailstack.design import Design, compile_design, design_to_yaml
@@ -169,12 +169,9 @@ def test_a_half_width_can_be_varied_from_nought_its_law_beside_it(path: str) -> 
 
     def leave_out(data: dict[str, Any]) -> None:
         declare(data)
-        place: Any = data
-        *way, _ = path.split(".")
-        for step in way:
-            place = place[int(step) if step.isdecimal() else step]
-        for field in (path.rpartition(".")[2], "distribution", "coverage_factor"):
-            place.pop(field, None)
+        *way, last = (int(step) if step.isdecimal() else step for step in path.split("."))
+        for field in (last, "distribution", "coverage_factor"):
+            value_at(data, way).pop(field, None)
 
     first, second = sweep(demo(declare), {path: [0.0, 0.9]}).points
     assert first.targets[0].p95_mm == pytest.approx(score(demo(leave_out), losses=False).targets[0].p95_mm, rel=1e-12)
@@ -186,31 +183,19 @@ def test_a_half_width_can_be_varied_from_nought_its_law_beside_it(path: str) -> 
 def test_degrees_0_and_1_of_a_field_are_absorbed_by_dlt() -> None:
     """closed form: an affine map of the image is absorbed by the eleven parameters, and the target moves with it."""
     absorbed = {"half_widths_px": [5.0, 5.0], "distribution": "normal"}
-
-    def without_bias(data: dict[str, Any]) -> None:  # with one, the images are not where the field is taken
-        data["interfaces"]["structure_connector"].pop("bias")
-
-    def bend(data: dict[str, Any]) -> None:
-        without_bias(data)
-        data["views"][0]["image_field"] = absorbed
-
-    plain, bent = score(demo(without_bias)), score(demo(bend))
-    assert bent.targets[0].p95_mm == pytest.approx(plain.targets[0].p95_mm, rel=1e-9)
+    # with a bias, the images are not where the field is taken
+    unbiased = replaced(DEMO, ("interfaces", "structure_connector", "bias"), REMOVED)
+    bent = replaced(unbiased, ("views", 0, "image_field"), absorbed)
+    before, after = (score(load_design(data)).targets[0].p95_mm for data in (unbiased, bent))
+    assert after == pytest.approx(before, rel=1e-9)
 
 
 def test_a_body_of_one_material_shrinks_what_it_sees_about_the_flange() -> None:
     """closed form: structure and connector grow alike, so the target seems nearer to the flange's seat by alpha dT."""
     alike = {"difference_k": 100, "structure_expansion_um_per_m_k": 23, "connector_expansion_um_per_m_k": 23}
-
-    def only_heat(data: dict[str, Any]) -> None:
-        for interface in data["interfaces"].values():
-            interface.pop("bias", None)
-        data["temperature"] = alike
-
-    warm, cold = (
-        score(demo(change), losses=False).targets[0]
-        for change in (only_heat, lambda data: (only_heat(data), data.pop("temperature")))
-    )
+    unbiased = replaced(DEMO, ("interfaces", "structure_connector", "bias"), REMOVED)
+    heated = unbiased | {"temperature": alike}
+    warm, cold = (score(load_design(data), losses=False).targets[0] for data in (heated, unbiased))
     shift = np.array(warm.bias_mm) - cold.bias_mm
     tip, seat = np.array([0, 0, 70.0]), np.array([0, 0, -145.0])
     np.testing.assert_allclose(shift, -23e-6 * 100 * (tip - seat), rtol=0, atol=1e-4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from math import comb, factorial, pi, sqrt
 from pathlib import Path
 
@@ -75,6 +76,11 @@ def average(law, function):
     return sum(a * b * function(law.mean + law.columns @ np.array([u, v])) for u, a in first for v, b in second)
 
 
+def quantile_by_quadrature(law, low, high):
+    """P95, which lies between."""
+    return brentq(lambda r: average(law, lambda m: norm_cdf(r, m, law.covariance)) - 0.95, low, high, xtol=1e-10)
+
+
 def mount_columns(position, pivot, degrees, mm):
     """(3, 6) displacement of a point by a mount's half-widths: three rotations about its pivot, three translations."""
     lever = np.array(position) - np.array(pivot)
@@ -86,12 +92,8 @@ COLUMNS = np.hstack(
     [mount_columns((0, 0, 70), (0, 0, -95), 0.25, 0.1), mount_columns((0, 0, 70), (0, 0, -145), 0.15, 0.2)]
 )
 REFERENCE = linear_law(np.zeros(3), NOISE, COLUMNS)
-SKEWED = linear_law(
-    [0.3, -0.2, 0.5],
-    [[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]],
-    np.array([[0.6, 0.1], [-0.2, 0.5], [0.1, 0.4]]),
-    [UNIFORM, TRIANGULAR],
-)
+SPREAD = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
+SKEWED = linear_law([0.3, -0.2, 0.5], SPREAD, np.array([[0.6, 0.1], [-0.2, 0.5], [0.1, 0.4]]), [UNIFORM, TRIANGULAR])
 
 
 def test_the_reference_of_the_method_notes_and_of_a_sample():
@@ -213,11 +215,7 @@ FAR = linear_law(
 def test_a_mean_far_beyond_the_spread_has_the_quantile_and_slopes_of_quadrature():
     """independent: Gauss-Legendre over both sources of the Gaussian's own law, and its differences; far too many points
     for a lattice.  Sampled: 4 standard errors as stated; slopes to 2 %."""
-    p, step = 0.95, 1e-3
-
-    def quantile(law):
-        return brentq(lambda r: average(law, lambda m: norm_cdf(r, m, law.covariance)) - p, 15, 25, xtol=1e-10)
-
+    p, step, quantile = 0.95, 1e-3, partial(quantile_by_quadrature, low=15, high=25)
     total, slopes = law_quantile(FAR, p), slopes_of(FAR, p)
     assert total.method == SAMPLED_METHOD
     assert total.error_mm < 1e-4
@@ -248,10 +246,7 @@ def test_a_bias_of_any_size_costs_a_bounded_number_of_points(spreads):
     assert solution.found or sample(law.mean, law.covariance, h, 12).x.shape[0] == 65_536
     quantile = law_quantile(law, 0.95)
     assert (quantile.method == LATTICE_METHOD) == solution.found
-    expected = brentq(
-        lambda r: average(law, lambda m: norm_cdf(r, m, law.covariance)) - 0.95, quantile.quantile_mm - 0.1,
-        quantile.quantile_mm + 0.1, xtol=1e-9,
-    )  # fmt: skip
+    expected = quantile_by_quadrature(law, quantile.quantile_mm - 0.1, quantile.quantile_mm + 0.1)
     assert abs(quantile.quantile_mm - expected) < 4 * quantile.error_mm + 1e-7
 
 
@@ -371,7 +366,6 @@ def test_a_sample_that_does_not_reach_the_sphere_is_refused():
         asleep.quantile(0.5)
 
 
-SPREAD = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
 TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 PLANE = TURN @ np.diag([0, 0.09, 0.02]) @ TURN.T
 TWO_SOURCES = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -29,6 +30,8 @@ NOISE = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
 COLUMNS = np.array([[0.7, 0.0, 0.1, 0.3], [0.0, 0.6, 0.2, -0.2], [0.1, 0.0, 0.3, 0.2]])
 SHOT = linear_law(np.zeros(3), NOISE)
 FIXED = np.zeros((3, 3))
+INSTALLED, LOUD = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
+BOUNDED_SHOT = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
 
 
 @pytest.mark.parametrize("p", [0.3, 0.95])
@@ -58,16 +61,14 @@ def test_brute_force(p, gaussian):
 def test_as_many_units_keep_a_quantile_as_it_says_where_shots_are_bounded(fraction):
     """closed form: F(Q(y)) = y, where another fraction is required; uncorrected shots are 0.016 or more off."""
     unit = linear_law([0.2, 0, 0.1], FIXED, COLUMNS)
-    shot = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
-    limit = read_units(unit, shot, 0.95, fraction).quantile.value_mm
-    assert unit_risk(unit, shot, 0.95, limit, 0.99).yield_fraction == pytest.approx(fraction, abs=0.004)
+    limit = read_units(unit, BOUNDED_SHOT, 0.95, fraction).quantile.value_mm
+    assert unit_risk(unit, BOUNDED_SHOT, 0.95, limit, 0.99).yield_fraction == pytest.approx(fraction, abs=0.004)
 
 
 def test_shot_correction_is_right_for_a_single_unit():
     """One unit and no spread of the installation: its quantile is that of the declared law, not of the Gaussian."""
-    shot = linear_law(np.zeros(3), NOISE / 10, np.diag([0.3, 0.05, 0.1]))
-    at = linear_law([1, 0, 0], NOISE / 10, np.diag([0.3, 0.05, 0.1]))
-    risk = unit_risk(linear_law([1, 0, 0], FIXED), shot, 0.95, 1.2)
+    at = replace(BOUNDED_SHOT, mean=np.array([1.0, 0.0, 0.0]))
+    risk = unit_risk(linear_law([1, 0, 0], FIXED), BOUNDED_SHOT, 0.95, 1.2)
     assert risk.value_mm == pytest.approx(law_quantile(at, 0.95).quantile_mm, rel=2e-4)
     assert abs(norm_quantile(0.95, at.mean, at.total_covariance) / risk.value_mm - 1) > 2e-3
 
@@ -193,10 +194,8 @@ def test_neighbouring_laws_have_neighbouring_quantiles(bounded_shots):
 @pytest.mark.parametrize("p", [0.3, 0.95])
 def test_units_left_unsolved_are_told_apart_rightly(p):
     """Independent: every unit of the same sample solved; the same share below the limit, the same value at the rank."""
-    unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
-    shot = linear_law(np.zeros(3), NOISE * 8)
-    units = draw_units(unit, shot, p, 7)
-    own = np.array([norm_quantile(p, offset, shot.covariance) for offset in units.offset])
+    units = draw_units(INSTALLED, LOUD, p, 7)
+    own = np.array([norm_quantile(p, offset, LOUD.covariance) for offset in units.offset])
     low, high = units.low, units.high
     assert (low <= own * (1 + 1e-12)).all()
     assert (own <= high * (1 + 1e-12)).all()
@@ -205,7 +204,7 @@ def test_units_left_unsolved_are_told_apart_rightly(p):
     assert (good | between)[own <= limit].all()
     assert not good[own > limit].any()
     assert between.mean() < 0.1
-    risk = unit_risk(unit, shot, p, limit, log2_units=7)
+    risk = unit_risk(INSTALLED, LOUD, p, limit, log2_units=7)
     # The control moves the share by the sampling error it takes away, and not by more.
     assert abs(risk.yield_fraction - 0.7) < 4 * sqrt(0.3 * 0.7 / risk.units)
     for rank in (100, 1500, 1945):
@@ -217,24 +216,22 @@ def test_few_units_are_solved(monkeypatch):
     solved = []
     solve = per_unit.norm_quantiles
     monkeypatch.setattr(per_unit, "norm_quantiles", lambda p, means, S: solved.append(len(means)) or solve(p, means, S))
-    unit, shot = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
-    risk = unit_risk(unit, shot, 0.95, 1.8, log2_units=7)
+    risk = unit_risk(INSTALLED, LOUD, 0.95, 1.8, log2_units=7)
     assert sum(solved) < 0.3 * risk.units
 
 
 def test_yield_and_its_error_are_those_of_the_whole_sample():
     """Independent: every unit solved, and the standard error from the means of the 16 blocks."""
-    unit, shot = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS), linear_law(np.zeros(3), NOISE * 8)
-    units = draw_units(unit, shot, 0.95, 7)
-    own = np.array([norm_quantile(0.95, offset, shot.covariance) for offset in units.offset])
+    units = draw_units(INSTALLED, LOUD, 0.95, 7)
+    own = np.array([norm_quantile(0.95, offset, LOUD.covariance) for offset in units.offset])
     size = np.linalg.norm(units.offset, axis=1)
     assert units.distance == pytest.approx(size, rel=1e-14)
     for limit in (np.sort(own)[[200, 1000, 1900]] + 1e-6).tolist():
         y = distance_at(units, limit)
         excess = 1.0 * (own <= limit) - (size <= y)
         error = excess.reshape(16, 128).mean(axis=1).std(ddof=1) / 4
-        risk = unit_risk(unit, shot, 0.95, limit, log2_units=7)
-        assert risk.yield_fraction == pytest.approx(excess.mean() + law_cdf(unit, y), abs=1e-4)
+        risk = unit_risk(INSTALLED, LOUD, 0.95, limit, log2_units=7)
+        assert risk.yield_fraction == pytest.approx(excess.mean() + law_cdf(INSTALLED, y), abs=1e-4)
         assert risk.yield_standard_error == pytest.approx(np.hypot(error, 0.5 / 2048), rel=1e-9)
     assert np.isnan(distance_at(units, 0.5 * own.min()))
     assert np.isnan(distance_at(units, 2 * own.max()))
@@ -257,12 +254,11 @@ def test_units_are_spread_evenly_and_answer_twice_alike():
 @pytest.mark.parametrize(("p", "fraction"), [(0.9, 0.5), (0.95, 0.8), (0.99, 0.9), (0.95, 0.95), (0.9, 0.99)])
 def test_as_many_units_keep_a_limit_as_its_quantile_says(p, fraction):
     """closed form: F(limit) >= y is Q(y) <= limit.  At limits as near to the quantile as rounding allows, too."""
-    unit = linear_law([0.2, 0, 0.1], NOISE * 20, COLUMNS)
-    for shot in (linear_law(np.zeros(3), NOISE * 8), linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1]))):
-        value = unit_risk(unit, shot, p, None, fraction, 6).value_mm
+    for shot in (LOUD, linear_law(np.zeros(3), NOISE, np.diag([0.3, 0.05, 0.1]))):
+        value = unit_risk(INSTALLED, shot, p, None, fraction, 6).value_mm
         near = [value, np.nextafter(value, 0), np.nextafter(value, 9)]
         for limit in [float(level) for level in (*near, 0.9 * value, 0.999 * value, 1.001 * value, 1.1 * value)]:
-            risk = unit_risk(unit, shot, p, limit, fraction, 6)
+            risk = unit_risk(INSTALLED, shot, p, limit, fraction, 6)
             assert risk.value_mm == value
             assert (risk.yield_fraction >= fraction) == (value <= limit)
             assert 0 <= risk.yield_fraction <= 1

@@ -5,9 +5,8 @@ from __future__ import annotations
 import cvxpy as cp
 import numpy as np
 import pytest
-import yaml
 
-from plain_data import EXAMPLES
+from plain_data import DEMO, EXAMPLES, replaced
 from tailstack import load_design
 from tailstack.optimisation.global_bound import cells_of, information_of, mix_layouts, target_information
 from tailstack.optimisation.request import read_request
@@ -18,8 +17,7 @@ from tailstack.optimisation.worth import worthy_places
 @pytest.mark.parametrize("spacing_mm", [0.0, 40.0])
 def test_the_best_mixture_is_that_of_a_second_solver(spacing_mm: float) -> None:
     """independent: cvxpy over the weights of the cells, at most one fiducial in each where they are kept apart."""
-    data = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
-    data["optimise"]["min_spacing_mm"] = spacing_mm
+    data = replaced(DEMO, ("optimise", "min_spacing_mm"), spacing_mm)
     problem = read_request(load_design(data | {"model": {"estimator": "pose"}})).problem
     term = every_terms(problem)[0]
     information = information_of(problem, term)
