@@ -223,17 +223,22 @@ def choose_tests(
 
 
 def functions_of(file: str) -> Iterator[tuple[str, bool]]:
-    """Test functions, and whether the whole of one is marked as long.  By lines: to parse them all takes seconds."""
-    long = quoted = False
+    """Test functions, and whether the whole of one is marked as long, or its file is.
+
+    By lines: to parse them all takes seconds.
+    """
+    whole = long = quoted = False
     for line in Path(file).read_text(encoding="utf-8").splitlines():
         quoted ^= line.count('"""') % 2 == 1
         if quoted:
             continue
-        if line == "@pytest.mark.long":
+        if line == "pytestmark = pytest.mark.long":
+            whole = True
+        elif line == "@pytest.mark.long":
             long = True
         elif found := re.match(r"(?:async )?def (\w+)", line):
             if found[1].startswith("test_"):
-                yield found[1], long
+                yield found[1], whole or long
             long = False
 
 

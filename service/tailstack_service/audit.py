@@ -348,8 +348,8 @@ Form = Literal["html", "pdf", "xlsx", "json"]
 LARGEST_UNPACKED = 400_000_000  # bytes: a file that grows beyond is no report
 RECORD_SHEET = "Record"
 _HTML_RECORD = re.compile(rb'<script type="application/json" id="tailstack-record">(.*?)</script>', re.DOTALL)
-_PDF_RECORD = re.compile(rb"<<[^<>]*/Type /EmbeddedFile.*?/Length (\d+)>>\nstream\n", re.DOTALL)
-_CELL = re.compile(r'<c r="([A-Z]+)(\d+)"([^>]*?)(?:/>|>(.*?)</c>)', re.DOTALL)
+_PDF_RECORD = re.compile(rb"<<[^<>]*/Type /EmbeddedFile.*?/Length (\d{1,10})>>\nstream\n", re.DOTALL)
+_CELL = re.compile(r'<c r="([A-Z]+)(\d{1,7})"([^>]*?)(?:/>|>(.*?)</c>)', re.DOTALL)
 _SHARED = re.compile(r"<si>(.*?)</si>", re.DOTALL)
 _TEXT = re.compile(r"<t(?:>| [^>]*>)(.*?)</t>", re.DOTALL)
 _ESCAPED = re.compile(r"_x([0-9A-Fa-f]{4})_")
@@ -450,7 +450,7 @@ def _from_xlsx(content: bytes, file: str) -> bytes:
     for column, row, attributes, inside in _CELL.findall(page):
         value = re.search(r"<v>(.*?)</v>", inside or "", re.DOTALL)
         text = value.group(1) if value else ""
-        if 't="s"' in attributes and text.isdecimal() and int(text) < len(shared):
+        if 't="s"' in attributes and len(text) < 10 and text.isdecimal() and int(text) < len(shared):
             text = shared[int(text)]
         if column == "A" and int(row) > 1:
             rows[int(row)] = text

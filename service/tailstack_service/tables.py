@@ -64,6 +64,7 @@ class TableReader:
     delimiter: str = ","  # of CSV
     rows: int = 0  # about how many there are, for the time that is left; 0: nobody knows
     text: PeopleTable | None = None  # of CSV
+    floating: frozenset[int] = frozenset()  # columns of which the file itself says that they hold numbers alone
 
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
@@ -142,11 +143,11 @@ def read_number(cell: Any) -> float | None:
     return float(cell)
 
 
-def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
-    """Which columns of an answer hold numbers: those of the table that gave some, P95 and the like, and what
-    requirements limit (``value:``), whatever its unit."""
-    kinds = [name.partition(":")[0] for name in header]
-    return tuple(k in places or kind.endswith("_mm") or kind == "value" for k, kind in enumerate(kinds))
+def hold_numbers(names: Sequence[str]) -> list[bool]:
+    """Which columns of an answer hold numbers: P95 and the like, and what requirements limit (``value:``), whatever
+    its unit."""
+    kinds = (name.partition(":")[0] for name in names)
+    return [kind.endswith("_mm") or kind == "value" for kind in kinds]
 
 
 def format_of(name: str) -> Format:
@@ -321,7 +322,8 @@ def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], fi
                     yield ColumnBlock(lines, tuple(column.to_pylist() for column in piece.columns))
                     line = lines.stop
 
-    return TableReader(header, blocks(), file, rows=count)
+    floating = frozenset(k for k, kind in enumerate(schema.types) if str(kind) in ("halffloat", "float", "double"))
+    return TableReader(header, blocks(), file, rows=count, floating=floating)
 
 
 _READERS: dict[Format, Callable[[IO[bytes], str | None], TableReader]] = {

@@ -76,7 +76,9 @@ def test_a_kill_stops_the_process_beside_the_dask_worker(engine: DaskEngine, tmp
 def test_processes_beside_dask_workers_compute_with_one_thread(dask_cluster: Cluster, engine: DaskEngine) -> None:
     for number in range(4):
         engine.submit(task(n=number), f"environment-{number}").result(LIMIT_SECONDS)
-    assert all(child.environ()["OMP_NUM_THREADS"] == "1" for child in children(dask_cluster))
+    beside = children(dask_cluster)
+    assert beside
+    assert all(child.environ()["OMP_NUM_THREADS"] == "1" for child in beside)
 
 
 @pytest.mark.long

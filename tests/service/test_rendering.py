@@ -23,7 +23,8 @@ from tailstack.results.verdicts import requirements_table
 from tailstack.scoring import score
 from tailstack_service.cli.demo import summary_text
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.rendering.document import findings_text
+from tailstack_service.rendering.document import Figure, findings_text
+from tailstack_service.rendering.sentences import views_sentence
 from tailstack_service.rendering.text import (
     WIDTH,
     Page,
@@ -35,6 +36,7 @@ from tailstack_service.rendering.text import (
     write_on,
     write_table,
 )
+from tailstack_service.report.chapters.score import levers_blocks
 
 
 @pytest.mark.parametrize(
@@ -174,6 +176,22 @@ def test_each_requirement_has_one_row_at_the_target_that_decides_it() -> None:
     rows = [" ".join(line.split()) for line in text.split("\n")[3:]]
     assert [row.partition(" P95")[0] for row in rows] == ["all b (worst of 2)", "tip far (worst of 2)"]
     assert [row.split()[-1] for row in rows] == ["inconclusive", "pass"]
+
+
+def test_levers_begin_with_the_first_requirement_that_has_some() -> None:
+    wide = {"name": "wide", "error": "tcp", "quantile": 0.95, "limit_mm": 5.0, "targets": "all"}
+    found = score(load_design(replaced(DEMO, ("requirements",), [*DEMO["requirements"], wide])))
+    decisive = found.levers[0].requirement
+    others = replace(found, levers=tuple(lever for lever in found.levers if lever.requirement != decisive))
+    for told in (found, others):
+        pictures = [block.name for block in levers_blocks(told) if isinstance(block, Figure)]
+        assert pictures == ["levers", "levers-2"][: len({lever.requirement for lever in told.levers})]
+
+
+def test_what_lies_outside_an_image_is_counted() -> None:
+    (view, *_) = score(load_design(DEMO)).views
+    for labels, words in ((("F1",), "1 fiducial outside"), (("F1", "F2"), "2 fiducials outside")):
+        assert f"{words} the image ({', '.join(labels)})" in views_sentence([replace(view, outside=labels)])
 
 
 def test_the_verdict_comes_last_and_findings_before_it() -> None:

@@ -541,6 +541,15 @@ def test_names_cannot_break_a_picture() -> None:
         assert "\u202e" not in svg
 
 
+def test_a_sweep_of_which_one_point_could_be_computed_is_drawn() -> None:
+    design = load_design(small_design())
+    axes = read_axes(design, [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}])
+    found = sweep(design, axes)
+    refused = replace(found.points[1], status="refused", reason="not possible", targets=(), verdict=None)
+    words = "".join(check_picture(draw_sweep(replace(found, points=(found.points[0], refused)))).itertext())
+    assert "1 of 2 points were refused and are not drawn" in words
+
+
 def test_nothing_random_is_said() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     for view in data["views"]:

@@ -414,6 +414,7 @@ def test_exit_codes(files: dict[str, bytes], tmp_path: Path, call: Any, refused:
     [
         ("a.html", b"<!DOCTYPE html><p>no report</p>", "this file has 0"),
         ("a.pdf", b"%PDF-1.7\nnothing", "one attachment"),
+        ("a.pdf", b"%PDF-1.7\n<< /Type /EmbeddedFile /Length " + b"1" * 5000 + b">>\nstream\n", "one attachment"),
         ("a.xlsx", b"PK\x03\x04broken", "cannot be unpacked"),
         ("a.json", b"", "empty"),
         ("a.json", b'{"schema": "tailstack/report/1"}', "title"),

@@ -56,6 +56,17 @@ def test_a_table_comes_back_in_its_format_with_the_scores_of_its_rows(form: str,
     assert back.read_bytes() == first
 
 
+@pytest.mark.parametrize("form", [".ndjson", ".arrow", ".parquet"])
+def test_what_is_carried_along_is_lost_in_no_format(form: str, tmp_path: Path) -> None:
+    """Numbers whose file says so stay numbers; texts stay texts, whatever their column is called."""
+    there, back = tmp_path / f"table{form}", tmp_path / f"scores{form}"
+    rows: list[tuple[Any, ...]] = [(0.3, "n/a", 1.25), (0.2, "3,5", 2.5)]
+    there.write_bytes(write_table(ENDINGS[form], [AP, "play_mm", "value"], rows))
+    assert main(["score", DEMO, "--batch", str(there), "-o", str(back)]) == 0
+    found = read_rows(ENDINGS[form], back.read_bytes())
+    assert [(row[AP], row["play_mm"], row["value"]) for row in found] == rows
+
+
 def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, capsys: Any) -> None:
     table = tmp_path / "german.csv"
     table.write_bytes("\ufeffVariante;Rauschen\r\nA;0.2\r\n\r\nB;0.4\r\n".encode())

@@ -14,7 +14,7 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from plain_data import DEMO, EXAMPLES, problems_of, read_cases
+from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, read_cases, replaced
 from tailstack.design import compile_design, design_json_schema, design_to_json, design_to_yaml, load_design
 from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
@@ -241,6 +241,12 @@ def test_a_design_that_was_made_to_stand_alone_keeps_all_that_it_says_of_its_fid
         section = alone.source.data["fiducials"]
         assert {name: value for name, value in section.items() if name not in ("points", "origin")} == said
     assert load_design(tmp_path / "alone.yaml").sha256 == design.sha256
+
+
+def test_a_revision_adds_no_list_of_fixed_fiducials() -> None:
+    design = load_design(replaced(DEMO, ("optimise", "fixed"), REMOVED))
+    moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 1))
+    assert "fixed" not in moved.source.data["optimise"]
 
 
 def test_a_design_that_was_made_to_stand_alone_says_where_its_points_came_from(written, tmp_path):

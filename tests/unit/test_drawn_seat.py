@@ -101,7 +101,7 @@ def test_a_seat_is_what_its_writer_was_told(content: bytes, plate: Plate) -> Non
 def test_a_diameter_that_contradicts_its_hole_is_refused() -> None:
     """Open CASCADE writes 6.35 mm of a hole as 6.35 in."""
     (problem,) = problems_of(lambda: read_drawn_seat(THEIRS["occ_plate_inch.step"], "inch.step", "g6"))
-    assert problem.code == "wrong-size"
+    assert (problem.code, problem.file) == ("wrong-size", "inch.step")
     assert "of a hole of 6.35 mm" in problem.detail
 
 

@@ -320,6 +320,7 @@ def test_a_principal_point_in_another_convention_is_named_with_what_is_meant(wor
 def test_a_principal_point_that_nothing_explains_is_named_all_the_same():
     problems = problems_of(check_design, load_design(scene(principal_point_px=[1700, 90])), error=IllPosedError)
     outside = [problem.hint for problem in problems if problem.code == "outside-view"]
+    assert outside
     assert all("check principal_point_px first" in hint for hint in outside)
 
 

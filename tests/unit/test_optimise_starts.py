@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimise_scenes import BOX_MM, oracle_problem
+from optimise_scenes import BOX_MM, oracle_problem, requirement
 from scenes import mount, target
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation.problem import FreeFiducial, PlacementProblem
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, contains, mirror, sample, turns
+from tailstack.optimisation.search import MANY_DEMANDS, Control, prepare_search
 from tailstack.optimisation.starts import starting_layouts, with_copies
 from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
@@ -151,6 +152,20 @@ def test_exchanged_starts_are_better_than_random_layouts(name: str) -> None:
             layout[list(place.fiducials)] = with_copies(problem, sample(place.region, rng, 1, 0.0))[0]
         drawn.append(_mean_square(problem, layout))
     assert max(exchanged) < min(drawn)
+
+
+def test_where_no_layout_to_begin_with_determines_the_error_every_demand_enters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beyond MANY_DEMANDS those enter that lead at the first layouts: of which none leads where none tells."""
+    names = [f"target {k}" for k in range(MANY_DEMANDS + 1)]
+    targets = tuple(target((0.0, 0.0, 70.0 + k), name) for k, name in enumerate(names))
+    system = replace(PROBLEMS["box"].system, targets=targets)
+    limited = requirement(0.5, targets=tuple(names))
+    monkeypatch.setattr("tailstack.optimisation.search.is_singular", lambda *_: True)
+    problem = replace(PROBLEMS["box"], system=system, requirements=(limited,))
+    prepared = prepare_search(problem, starts=1, control=Control(threads=1))
+    assert len(prepared.program.terms) == len(prepared.terms) == len(names)
 
 
 def test_the_exchange_weighs_targets_by_their_limits() -> None:

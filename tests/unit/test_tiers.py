@@ -140,6 +140,7 @@ def test_what_is_near_to_a_change_comes_first(tmp_path: Path, monkeypatch: pytes
         "tests/unit/test_inner.py": "from deep import inner\ndef test_a(): pass\ndef test_dear(): pass",
         "tests/unit/test_outer.py": "import pytest\nimport deep.outer\n@pytest.mark.long\ndef test_b(): pass",
         "tests/unit/test_none.py": "import json\ndef test_c(): pass",
+        "tests/unit/test_whole.py": "import deep.inner\npytestmark = pytest.mark.long\ndef test_e(): pass",
     }  # fmt: skip
     for name, text in texts.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -150,13 +151,14 @@ def test_what_is_near_to_a_change_comes_first(tmp_path: Path, monkeypatch: pytes
         "solver/deep/inner.py",
         "solver/deep/outer.py",
         "tests/unit/test_inner.py",
+        "tests/unit/test_whole.py",
         "tests/unit/test_outer.py",
     ]
     for file in ("solver/deep/late.py", "solver/deep/verbs/first.py"):  # which no import statement names
         assert tiers.files_by_distance([file]) == [file, "solver/deep/table.py", "tests/unit/test_table.py"]
     (tmp_path / "costs.csv").write_text("test,cpu_seconds\ntests/unit/test_inner.py::test_dear,1.5\n")
     monkeypatch.setattr(tiers, "COSTS", tmp_path / "costs.csv")
-    assert tiers.choose_tests(["solver/deep/inner.py"]) == (["tests/unit/test_inner.py::test_a"], 2)
+    assert tiers.choose_tests(["solver/deep/inner.py"]) == (["tests/unit/test_inner.py::test_a"], 3)
 
 
 def test_every_change_of_the_sources_reaches_tests(monkeypatch: pytest.MonkeyPatch) -> None:

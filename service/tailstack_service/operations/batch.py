@@ -98,8 +98,9 @@ class TableScores:
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """Which columns hold numbers."""
-        return hold_numbers(self.header, self.places)
+        """Which columns hold numbers: of what is carried along those alone of which the file says so."""
+        own = {*self.places, *self.table.floating}
+        return (*(k in own for k in range(len(self.table.header))), *hold_numbers(self.batch.names), False)
 
     def blocks(self, threads: int | None = None) -> Iterator[list[Column]]:
         """The rows with their answers, in their order, as columns.  Raises RequestError for what is no table."""
@@ -178,7 +179,7 @@ def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--set", dest="settings", help=words, **kind)
     add_flags(parser, BatchOptions)
     group.add_argument("-o", "--output", metavar="FILE", help="a table; its ending decides the format (default stdout)")
-    group.add_argument("--threads", type=whole(1, 256), metavar="N", help="threads; the answer does not depend on it")
+    group.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
 
 
 def _setting(text: str) -> tuple[str, str]:

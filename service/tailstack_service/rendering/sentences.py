@@ -17,6 +17,8 @@ from tailstack.results.score import MetricScore, group, single_lines, source_nam
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
 
+from .text import spell_count
+
 if TYPE_CHECKING:
     from tailstack.results import (
         Check,
@@ -107,7 +109,8 @@ def views_sentence(views: Sequence[ViewCheck]) -> str:
     for view in views:
         name = view.view
         if view.outside:
-            parts.append(f"{name}: {len(view.outside)} fiducials lie outside the image ({', '.join(view.outside)})")
+            outside = spell_count(len(view.outside), "fiducial")
+            parts.append(f"{name}: {outside} outside the image ({', '.join(view.outside)})")
         elif not view.checked:
             parts.append(f"{name}: whether all are in the image is not known, its size is not stated")
     clear = [view for view in views if view.checked and not view.outside]

@@ -432,7 +432,8 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
             _draw_curve(axes, curve, colour)
             ends.append((label, curve[-1][1].p95_mm, colour))
         low, high = axes.dataLim.intervalx
-        axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+        beside_ends = 0.05 * (high - low) or 1.0  # of one point, where the others were refused
+        axes.set_xlim(low - beside_ends, high + beside_ends)
         limits = sweep.limits()
         axes.set_ylim(0, 1.06 * max([axes.dataLim.y1, *(limit for limit, _ in limits)]))
         for limit, words in limits:

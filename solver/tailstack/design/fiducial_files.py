@@ -362,7 +362,7 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
         named = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
         if system_name or named:
             if rows or left_out:
-                cure = "put it to the begin of the file"
+                cure = "put it at the beginning of the file"
                 raise refuse(name, number, "contradiction", "a row stands above this", cure)
             system = _system(system_name, name, number) if system_name else system
             columns = _read_fcsv_columns(named[1], name, number) if named else columns

@@ -204,6 +204,5 @@ def _set_half_width(interface: dict[str, Any], component: str, value: float) -> 
 def forget_missing_labels(data: dict[str, Any], labels: set[str]) -> None:
     """Fiducials that were left out are no longer named in the optimise section."""
     wanted = data.get("optimise")
-    if not wanted:
-        return
-    wanted["fixed"] = [label for label in wanted.get("fixed") or [] if label in labels]
+    if wanted and wanted.get("fixed"):
+        wanted["fixed"] = [label for label in wanted["fixed"] if label in labels]

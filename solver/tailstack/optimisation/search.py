@@ -158,7 +158,7 @@ def prepare_search(
         here = present_choice(problem)
         choices = [replace(here, fiducials_mm=layout) for layout in first if not is_singular(problem.system, layout)]
         leading = leading_demands(problem, terms, choices, LEADING)
-        active = tuple(term for k, term in enumerate(terms) if k in leading)
+        active = tuple(term for k, term in enumerate(terms) if k in leading) or terms
     total = starts if problem.places else 1
     lanes = min(usable_cores() if control.threads is None else control.threads, total)
     program = build_program(problem, active, lanes)

@@ -578,13 +578,13 @@ def _live_row(line: _LiveLine, rss: float, end: int, room: str) -> Row:
 def levers_blocks(score: Score) -> tuple[Block, ...]:
     """How far each lever leads every requirement by itself, that which decides first."""
     decisive = decisive_check(score.verdict.checks)
-    names = dict.fromkeys(([] if decisive is None else [decisive.requirement]) + [e.requirement for e in score.levers])
+    names = list(dict.fromkeys(lever.requirement for lever in score.levers))
+    if decisive is not None:
+        names.sort(key=lambda name: name != decisive.requirement)
     blocks: list[Block] = []
     for k, name in enumerate(names):
         levers = [lever for lever in score.levers if lever.requirement == name]
         check = max((c for c in score.verdict.checks if c.requirement == name), key=lambda c: c.value, default=None)
-        if not levers:
-            continue
         decimals, picture = score.decimals, "levers" if k == 0 else f"levers-{k + 1}"
         if check is not None:
             caption = f"{name}: what each lever comes to at its best, everything else as it is, and the limit."

@@ -61,7 +61,8 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
     for hole, size in holes:
         if abs(2 * hole.radius_mm / (size.value or 1.0) - 1) > LIKE:
             detail = f"{size.text} is of a hole of {2 * hole.radius_mm:g} mm in {name}"
-            raise StepError(Problem("", "wrong-size", detail, "check the units that its writer gave the tolerances"))
+            cure = "check the units that its writer gave the tolerances"
+            raise StepError(Problem("", "wrong-size", detail, cure, name))
     up, away = face.axis, holes[1][0].point_mm - holes[0][0].point_mm
     line = turn_positive(away - up * (up @ away))
     pad = {"name": "face", "kind": "pad", "position_mm": _list(face.point_mm), "normal": _list(up)}
@@ -75,7 +76,7 @@ def find_seat(tolerances: Sequence[StepTolerance], pin_class: str, name: str) ->
         try:
             pin = find_deviations(pin_class, size.value or 0.0)
         except ValueError as error:
-            raise StepError(Problem("", "unknown-fit", str(error), "name a class of it for the pins")) from None
+            raise StepError(Problem("", "unknown-fit", str(error), "name a class of it for the pins", name)) from None
         limits = {"hole_mm": [size.upper, size.lower], "pin_mm": [*pin]}
         own |= {"fit": f"{size.fit}/{pin_class}"} if size.fit else limits
         position = next((each for each in tolerances if _is_position(each, hole)), None)
