@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import logging
 from typing import Any
 
@@ -16,8 +17,9 @@ from tailstack import load_design, score
 from tailstack_service.http import posting
 from tailstack_service.http.compute_pool import ComputePool
 from tailstack_service.operations import rendering
-from tailstack_service.operations.units.batch import compute
-from tailstack_service.problems import RefusedAt
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.perform import perform
+from tailstack_service.processes.task import Task
 from tailstack_service.schemas import read_record
 from tailstack_service.settings import Settings
 from tailstack_service.tables import MEDIA_TYPES, Format
@@ -151,9 +153,10 @@ def test_tables_are_refused_before_the_first_byte(client: httpx.Client, body: An
 def test_a_unit_refuses_its_table_as_the_request_that_it_is_of() -> None:
     """In this process: what a body of a request is refused for has its place in that body."""
     request = {"header": ["x"], "cells": [["1"]], "places": [0], "columns": ["verdict"], "pointers": ["/views/0/noise"]}
-    with pytest.raises(RefusedAt) as refused:
-        compute({**request, "design": small_design()}, {"first": 0, "count": 1})
-    assert refused.value.slug == "invalid-request"
+    task = Task("batch", canonical({**request, "design": small_design()}), canonical({"first": 0, "count": 1}))
+    refused = json.loads(perform(task).problem)
+    assert refused["type"].endswith("/invalid-request")
+    assert [error["pointer"] for error in refused["errors"]] == ["/table"]
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from pathlib import Path
 from tailstack.errors import Problem, TailstackError
 from tailstack.version import __version__
 
-from ..console.files import Staged, append, is_stream, replace_file, stage
+from ..console.files import Staged, append, is_stream, stage
 from ..gate.reading import make_finding
 from ..gate.records import GateFinding, GateProvenance, GateRecord, record_unread
 from .gate_files import Anchors
@@ -82,7 +82,10 @@ class Outputs:
         """Write a record that says what could not be written wherever it can be; a file where it cannot is removed."""
         for name, file in self.usable:
             with _note([], file, remove=True):
-                replace_file(Path(file), self.render(name, record))
+                if is_stream(file):
+                    append(file, self.render(name, record))
+                else:
+                    stage(file, self.render(name, record)).put()
         self.summary(record)
 
     def stdout(self, record: GateRecord) -> str | bytes:

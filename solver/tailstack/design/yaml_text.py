@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Any
 
 from .reading import DEFAULT_LIMITS, TextPosition, read_yaml
@@ -94,6 +95,12 @@ class _Editor:
         if added:
             indent = self._column(fields[names[0]][0].start)
             self._insert_after(node.end, dump_block(added, indent))
+        leading = len(list(takewhile(gone.__contains__, names)))
+        if 0 < leading < len(names):
+            first, left = fields[names[0]][0].start, fields[names[leading]][0].start
+            if self.text[self._start_of_line(first) : first].strip():  # a dash, to which what is left comes
+                self.replacements.append((first, left, ""))
+                gone = gone[leading:]
         for name, (key, part) in fields.items():
             if name in gone:
                 self._drop_lines(key.start, part.end)

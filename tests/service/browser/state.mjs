@@ -62,9 +62,11 @@ scenarios.alias = async () => {
     await slider.scrollIntoViewIfNeeded();
     const box = await slider.boundingBox();
     await page.mouse.click(box.x + 0.8 * box.width, box.y + box.height / 2);
+    await page.locator(".message").waitFor();
+    const said = await words(page); // now: after a while it leaves, and a score may take longer
     await sha(page);
     const { text, steps, score } = await state(page);
-    found.push({ text, steps, value: Number(await field.inputValue()), p95: score.targets[0].p95_mm, words: await words(page) });
+    found.push({ text, steps, value: Number(await field.inputValue()), p95: score.targets[0].p95_mm, words: said });
     if (asked.shot) await page.screenshot({ path: asked.shot });
     await page.keyboard.press("Control+z");
     await sha(page);
