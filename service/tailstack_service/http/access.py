@@ -196,11 +196,7 @@ class Tokens:
     """JSON Web Tokens of one issuer, signed by one algorithm.  Raises SettingsError for settings that cannot work."""
 
     def __init__(self, settings: Settings) -> None:
-        self.algorithm, self.issuer, self.audience = (
-            settings.jwt_algorithm,
-            settings.jwt_issuer,
-            settings.jwt_audience,
-        )
+        self.algorithm, self.issuer, self.audience = settings.jwt_algorithm, settings.jwt_issuer, settings.jwt_audience
         if not self.issuer:
             raise _setting_error("jwt_issuer", "must be set beside the key: a token of another issuer is not accepted")
         if not self.audience:
@@ -213,14 +209,10 @@ class Tokens:
 
         try:
             claims = jwt.decode(
-                token,
-                self._key(jwt.get_unverified_header(token).get("kid")),
-                algorithms=[self.algorithm],
-                audience=self.audience,
-                issuer=self.issuer,
-                leeway=CLOCK_SECONDS,
+                token, self._key(jwt.get_unverified_header(token).get("kid")), algorithms=[self.algorithm],
+                audience=self.audience, issuer=self.issuer, leeway=CLOCK_SECONDS,
                 options={"require": ["iss", "aud", "exp"]},
-            )
+            )  # fmt: skip
         except (jwt.PyJWTError, UnknownKey) as error:
             raise credential_error(f"the JSON Web Token is not accepted: {_reason(error)}") from None
         tenant = claims.get("tenant", claims.get("sub"))
@@ -277,17 +269,15 @@ def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
     if algorithm == "HS256":
         secret = content.strip()
         if len(secret) < LEAST_SECRET_BYTES:
-            raise _setting_error(
-                "jwt_key_file", f"holds {len(secret)} bytes; a shared secret has at least {LEAST_SECRET_BYTES}"
-            )
+            detail = f"holds {len(secret)} bytes; a shared secret has at least {LEAST_SECRET_BYTES}"
+            raise _setting_error("jwt_key_file", detail)
         return {None: secret}
     try:
         if content.lstrip().startswith(b"{"):
             entries = jwt.PyJWKSet.from_dict(json.loads(content)).keys
             keys: dict[str | None, Any] = {k.key_id: k for k in entries if k.algorithm_name == algorithm}
         else:
-            prepared = jwt.get_algorithm_by_name(algorithm).prepare_key(content)
-            keys = {None: prepared}
+            keys = {None: jwt.get_algorithm_by_name(algorithm).prepare_key(content)}
     except (ValueError, jwt.PyJWTError) as error:
         raise _setting_error("jwt_key_file", f"is neither a PEM public key nor a JWKS file: {error}") from None
     if not keys:
@@ -296,9 +286,8 @@ def _read_keys(path: Path, algorithm: str) -> dict[str | None, Any]:
 
 
 def _setting_error(name: str, detail: str) -> SettingsError:
-    return SettingsError(
-        Problem("", "bad-setting", f"{variable(name)} {detail}", "docs/security.md shows the whole way")
-    )
+    hint = "docs/security.md shows the whole way"
+    return SettingsError(Problem("", "bad-setting", f"{variable(name)} {detail}", hint))
 
 
 def credential_error(detail: str, error: str = "invalid_token") -> TransportError:

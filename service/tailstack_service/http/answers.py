@@ -38,7 +38,6 @@ def path_of(request: Request) -> str:
 
 
 def record_response(record: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
-    """A record as JSON."""
     return Response(to_json(record), status, headers, JSON)
 
 

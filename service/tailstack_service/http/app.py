@@ -39,13 +39,7 @@ log = logging.getLogger("tailstack.service")
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 HARMLESS_ID = re.compile(rb"[A-Za-z0-9._:-]{1,64}\Z")
 LONGEST_METHOD, LONGEST_PATH = 20, 200  # characters that are logged: a stranger may send 60,000
-ROUTERS = (
-    posting.router,
-    jobs.router,
-    jobs.result_router,
-    information.router,
-    pages.router,
-)
+ROUTERS = (posting.router, jobs.router, jobs.result_router, information.router, pages.router)
 
 
 def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock: Clock = SYSTEM_CLOCK) -> FastAPI:
@@ -57,14 +51,9 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
     """
     settings = load_settings() if settings is None else settings
     app = _Application(
-        title="tailstack",
-        docs_url=None,
-        redoc_url=None,
-        openapi_url=None,
-        redirect_slashes=False,
-        lifespan=_lifespan,
+        title="tailstack", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False, lifespan=_lifespan,
         exception_handlers=HANDLERS,
-    )
+    )  # fmt: skip
     for router in ROUTERS:
         app.include_router(router)
     routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
@@ -72,6 +61,10 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
     storage = Storage(settings.database_url, clock)
 
     stopping = threading.Event()
+    pool = ComputePool(
+        settings.short_workers, settings.max_waiting, settings.max_seconds, stopping, warm=warm_up,
+        most_bytes=settings.max_process_bytes, hang_seconds=settings.hang_seconds, clock=clock,
+    )  # fmt: skip
     app.state.service = Service(
         settings=settings,
         stopping=stopping,
@@ -89,16 +82,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
             off=settings.max_kept_designs == 0,
             clock=clock,
         ),
-        pool=ComputePool(
-            settings.short_workers,
-            settings.max_waiting,
-            settings.max_seconds,
-            stopping,
-            warm=warm_up,
-            most_bytes=settings.max_process_bytes,
-            hang_seconds=settings.hang_seconds,
-            clock=clock,
-        ),
+        pool=pool,
         clock=clock,
     )
     app.add_middleware(Answering, service=app.state.service)

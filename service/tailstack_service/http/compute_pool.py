@@ -181,7 +181,6 @@ class ComputePool:
             await self._clock.sleep_async(WARMTH_LOOK_SECONDS)
 
     def pids(self) -> list[int]:
-        """Of the computing processes."""
         return self._processes.pids()
 
     async def run(self, request: Request, call: Callable[[], Any], expected_seconds: float) -> Any:
@@ -318,7 +317,9 @@ class ComputePool:
             tenant = next(each for each in tenants if waiting(each) == most)
             last = (self._long_turns.of(tenant) or self._quick_turns.of(tenant))[-1]
         (self._quick_turns if last.quick else self._long_turns).remove(last)
-        last.place.set_exception(self._busy())
+        detail = f"{self.count} computations are under way and {self.waiting} wait, the limit"
+        hint = "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING"
+        last.place.set_exception(TransportError("busy", detail, hint, {"Retry-After": "2"}))
 
     def _serve(self) -> None:
         """Give processes to those whose turn it is."""
@@ -336,11 +337,6 @@ class ComputePool:
     def _long_may_begin(self) -> bool:
         """Whether one process besides is left for what is quick, where there is more than one."""
         return self.count - self._long >= min(2, self.count)
-
-    def _busy(self) -> TransportError:
-        detail = f"{self.count} computations are under way and {self.waiting} wait, the limit"
-        hint = "send the request again in a few seconds, or start the service with a higher TAILSTACK_MAX_WAITING"
-        return TransportError("busy", detail, hint, {"Retry-After": "2"})
 
     # --- the processes --------------------------------------------------------------------------------
 

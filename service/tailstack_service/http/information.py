@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import platform
-from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
 from typing import Any, Literal
 
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
@@ -26,7 +26,7 @@ from ..shipped import list_example_designs, read_example, write_example
 from .answers import JSON, place, record_response, takes
 from .compute_pool import Warmth
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
-from .openapi import YAML, extra, media_types, query_parameter, reference, response_of
+from .openapi import YAML, extra, json_of, media_types, query_parameter, response_of
 from .service import Needs, TheService
 
 log = logging.getLogger("tailstack.service")
@@ -108,11 +108,10 @@ class ExampleList:
 
 # What is answered beside published records
 DESCRIBED = (Health, Readiness, SchemaList, Version, ProblemType, PresetList, ExampleList)
-READINESS = media_types(JSON, reference("schemas", "Readiness"))
+READINESS = json_of("Readiness")
 
 
 def _path_parameter(name: str, words: str, example: str) -> dict[str, Any]:
-    """A parameter of the path."""
     return {
         "name": name, "in": "path", "required": True, "description": words, "schema": {"type": "string"},
         "example": example,
@@ -124,8 +123,7 @@ def _path_parameter(name: str, words: str, example: str) -> dict[str, Any]:
     operation_id="get_liveness",
     summary="The process answers",
     description="It looks at nothing else: /health/ready says whether requests should be sent here.",
-    responses={200: response_of("The process answers.", media_types(JSON, reference("schemas", "Health")))},
-    openapi_extra=extra(),
+    responses={200: response_of("The process answers.", json_of("Health"))},
 )
 async def liveness() -> Response:
     return record_response(Health("alive"))
@@ -145,30 +143,23 @@ async def liveness() -> Response:
             Cache_Control="CacheControl",
         ),
     },
-    openapi_extra=extra(),
 )
 async def readiness(service: TheService) -> Response:
-    """200 once the kernels are compiled and the database can be used, until the service is told to stop.
+    """A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.
 
-    A service without a worker is ready: it scores, and accepts jobs that run as soon as a worker comes.  The answer
-    takes no longer than a look at the database may, whatever became of that.
+    The answer takes no longer than a look at the database may, whatever became of that.
     """
     try:
-        workers: int | None = await service.storage.look(
-            lambda database: check_readiness(database, fresh_seconds=FRESH_SECONDS)
-        )
+        workers: int | None = await service.storage.look(partial(check_readiness, fresh_seconds=FRESH_SECONDS))
     except TailstackError as error:
         log.warning("not ready, for want of the database: %s", error, extra={"action": "database-not-ready"})
         workers = None
-    document = Readiness(
-        status="stopping" if service.stopping.is_set() else service.pool.warmth,
-        kernels=service.pool.warmth,
-        database="not ready" if workers is None else "ready",
-        workers=workers or 0,
-    )
-    if document.status == "ready" and workers is None:
-        document = replace(document, status="no database")
-    ready = document.status == "ready"
+    kernels = service.pool.warmth
+    status: Warmth | Literal["stopping", "no database"] = "stopping" if service.stopping.is_set() else kernels
+    if status == "ready" and workers is None:
+        status = "no database"
+    document = Readiness(status, kernels, "not ready" if workers is None else "ready", workers or 0)
+    ready = status == "ready"
     headers = {"Cache-Control": "no-store"} | ({} if ready else {"Retry-After": "2"})
     return record_response(document, 200 if ready else 503, headers)
 
@@ -179,15 +170,9 @@ async def readiness(service: TheService) -> Response:
     dependencies=[Depends(Needs("metrics"))],
     summary="Figures for Prometheus",
     description="Counters of this process; of jobs and workers too while the database answers.",
-    responses={
-        200: response_of(
-            "Figures for Prometheus.", media_types("text/plain; version=0.0.4; charset=utf-8", {"type": "string"})
-        )
-    },
-    openapi_extra=extra(),
+    responses={200: response_of("Figures for Prometheus.", media_types(CONTENT_TYPE, {"type": "string"}))},
 )
 async def metrics(service: TheService) -> Response:
-    """Counters of the API; jobs and workers too while the database answers."""
     try:
         page = await service.storage.run(service.metrics.page)
     except TailstackError:
@@ -200,8 +185,7 @@ async def metrics(service: TheService) -> Response:
     operation_id="get_version",
     summary="Version, documents and the limit of trials",
     description="Of the service, which documents it reads and writes, and how many trials a check may draw.",
-    responses={200: response_of("Version and documents.", media_types(JSON, reference("schemas", "Version")))},
-    openapi_extra=extra(),
+    responses={200: response_of("Version and documents.", json_of("Version"))},
 )
 async def version(service: TheService) -> Response:
     most = service.settings.max_trials
@@ -213,8 +197,7 @@ async def version(service: TheService) -> Response:
     operation_id="list_schemas",
     summary="Published schemas",
     description="Every document that is sent or answered, with the path of its JSON Schema.",
-    responses={200: response_of("Published schemas.", media_types(JSON, reference("schemas", "SchemaList")))},
-    openapi_extra=extra(),
+    responses={200: response_of("Published schemas.", json_of("SchemaList"))},
 )
 async def schemas() -> Response:
     entries = (SchemaEntry(name, title, place(f"/v1/schemas/{name}")) for name, title in TITLES.items())
@@ -255,8 +238,7 @@ async def schema(request: Request) -> Response:
     operation_id="list_presets",
     summary="Published C-arm geometries",
     description="What the field preset of a view takes, with its numbers and their source.",
-    responses={200: response_of("Published C-arm geometries.", media_types(JSON, reference("schemas", "PresetList")))},
-    openapi_extra=extra(),
+    responses={200: response_of("Published C-arm geometries.", json_of("PresetList"))},
 )
 async def presets() -> Response:
     return Response(await asyncio.to_thread(_presets), media_type=JSON)
@@ -272,8 +254,7 @@ def _presets() -> bytes:
     operation_id="list_examples",
     summary="Designs to begin with",
     description="Those that the package holds, each with what it shows and the path of its document.",
-    responses={200: response_of("Designs to begin with.", media_types(JSON, reference("schemas", "ExampleList")))},
-    openapi_extra=extra(),
+    responses={200: response_of("Designs to begin with.", json_of("ExampleList"))},
 )
 async def examples() -> Response:
     designs = await asyncio.to_thread(list_example_designs)
@@ -291,11 +272,7 @@ async def examples() -> Response:
     description="It stands alone: fiducials that the example has in a file of their own are in it. Accept: "
     "application/yaml has it as its author wrote it, with the comments.",
     responses={
-        200: response_of(
-            "The design.",
-            media_types(JSON, reference("schemas", "Design")) | media_types(YAML, {"type": "string"}),
-            Vary="VaryAccept",
-        )
+        200: response_of("The design.", json_of("Design") | media_types(YAML, {"type": "string"}), Vary="VaryAccept")
     },
     openapi_extra=extra(_path_parameter("name", "Name of an example.", "demo"), problems=(404,)),
 )
@@ -313,11 +290,7 @@ async def example(request: Request) -> Response:
     operation_id="get_problem_type",
     summary="What a class of problems means and what cures it",
     description="Where the field type of a problem leads.",
-    responses={
-        200: response_of(
-            "What a class of problems means and what cures it.", media_types(JSON, reference("schemas", "ProblemType"))
-        )
-    },
+    responses={200: response_of("What a class of problems means and what cures it.", json_of("ProblemType"))},
     openapi_extra=extra(
         _path_parameter("slug", "Last part of the type of a problem.", "invalid-design"), problems=(404,)
     ),
@@ -327,8 +300,7 @@ async def problem_type(request: Request) -> Response:
     if slug not in CATALOGUE:
         hint = ask_label(slug, CATALOGUE, f"one of {', '.join(CATALOGUE)}")
         raise TransportError("not-found", f"no class of problems is called {slug[:60]!r}", hint)
-    entry: ProblemType = CATALOGUE[slug]
-    return record_response(entry)
+    return record_response(CATALOGUE[slug])
 
 
 @router.get(
@@ -337,7 +309,6 @@ async def problem_type(request: Request) -> Response:
     summary="This document",
     description="OpenAPI 3.1, as tailstack openapi prints it.",
     responses={200: response_of("This document.", media_types(JSON, {"type": "object"}))},
-    openapi_extra=extra(),
 )
 async def openapi(request: Request) -> Response:
     # putting it together takes seconds, which nobody else has to wait for

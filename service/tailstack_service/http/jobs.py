@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import AsyncIterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -44,6 +44,7 @@ from .openapi import (
     component,
     extra,
     job_links,
+    json_of,
     media_types,
     parameter,
     query_parameter,
@@ -57,23 +58,25 @@ from .service import Needs, Seat, Service, TheService, query, service_of
 PAGE, LARGEST_PAGE = 50, 200
 LONGEST_RETRY = 30  # seconds
 REVALIDATE = {"Cache-Control": "private, no-cache"}
+CHANGING = {"ETag": "ETag", "Cache_Control": "CacheControl", "Retry_After": "RetryAfter"}
 
+T = TypeVar("T")
 router = APIRouter(tags=["jobs"], default_response_class=Response)
 READ, COMPUTE = Depends(Needs("read")), Depends(Needs("compute"))
 
 
-def not_found_error(what: str, name: str) -> TransportError:
-    """404, the same words for what never was and for what belongs to another tenant."""
-    return TransportError("not-found", f"there is no {what} {name[:80]!r}")
+def require_found(found: T | None, what: str, name: str) -> T:
+    """Raises TransportError 404, the same words for what never was and for what belongs to another tenant."""
+    if found is None:
+        raise TransportError("not-found", f"there is no {what} {name[:80]!r}")
+    return found
 
 
 async def find_job(request: Request) -> Job:
     """The job in the path, if it is the caller's.  Raises TransportError 404."""
     job_id = request.path_params["id"]
     job = await service_of(request).storage.run(stored.find_job, request.state.caller.tenant, job_id)
-    if job is None:
-        raise not_found_error("job", job_id)
-    return job
+    return require_found(job, "job", job_id)
 
 
 def retry_after(eta: float | None = None) -> dict[str, str]:
@@ -95,26 +98,16 @@ def accepted_response(job: Job, **headers: str) -> Response:
     description="While it runs, Retry-After says when it is worth asking again; with If-None-Match the answer is 304 "
     "until something has changed.",
     responses={
-        200: {
-            **response_of(
-                "The record.",
-                media_types(JSON, reference("schemas", "Job"), "Job"),
-                ETag="ETag",
-                Cache_Control="CacheControl",
-                Retry_After="RetryAfter",
-            ),
-            "links": job_links() | result_links(),
-        },
-        304: response_of("Unchanged.", ETag="ETag", Cache_Control="CacheControl", Retry_After="RetryAfter"),
+        200: response_of("The record.", json_of("Job", "Job"), **CHANGING) | {"links": job_links() | result_links()},
+        304: response_of("Unchanged.", None, **CHANGING),
     },
     openapi_extra=extra(parameter("JobId"), parameter("IfNoneMatch"), problems=(404, 422, 503)),
 )
 async def get_job(request: Request) -> Response:
     """The record.  Its time to the end is that of the last event, so that equal versions are equal bytes."""
     job_id = request.path_params["id"]
-    job, eta = await service_of(request).storage.run(_with_eta, request.state.caller.tenant, job_id)
-    if job is None:
-        raise not_found_error("job", job_id)
+    found, eta = await service_of(request).storage.run(_with_eta, request.state.caller.tenant, job_id)
+    job = require_found(found, "job", job_id)
     waiting = {} if job.is_over else retry_after(eta)
     return tagged_response(request, to_json(job_document(job, eta, place)), JSON, {**REVALIDATE, **waiting})
 
@@ -136,10 +129,7 @@ def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float
     responses={
         200: {
             **response_of(
-                "A page, newest first.",
-                media_types(JSON, reference("schemas", "JobPage"), "JobPage"),
-                Link="Link",
-                Cache_Control="CacheControl",
+                "A page, newest first.", json_of("JobPage", "JobPage"), Link="Link", Cache_Control="CacheControl"
             ),
             "links": {"get_job": {"operationId": "get_job", "parameters": {"id": "$response.body#/jobs/0/id"}}},
         },
@@ -176,9 +166,8 @@ async def list_jobs(request: Request) -> Response:
         for job in page.jobs
     )
     link = {"Link": f'<{following}>; rel="next"'} if following else {}
-    return record_response(
-        JobPage("tailstack/jobs/1", documents, following and place(following)), 200, {**REVALIDATE, **link}
-    )
+    found = JobPage("tailstack/jobs/1", documents, following and place(following))
+    return record_response(found, 200, {**REVALIDATE, **link})
 
 
 def _page_query(request: Request) -> dict[str, Any]:
@@ -195,10 +184,11 @@ def _page_query(request: Request) -> dict[str, Any]:
 
 
 def _limit(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_PAGE):
+    limit = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+    if not 1 <= limit <= LARGEST_PAGE:
         detail = f"limit is a whole number from 1 to {LARGEST_PAGE}; got {text[:40]!r}"
         raise RequestError(Problem("/limit", "out-of-range", detail))
-    return int(text)
+    return limit
 
 
 @router.post(
@@ -209,21 +199,14 @@ def _limit(text: str) -> int:
     description="Nothing of it can be recorded from then on. Again 202 for a job that was cancelled before.",
     status_code=202,
     responses={
-        202: {
-            **response_of(
-                "Cancelled.", media_types(JSON, reference("schemas", "Job"), "Job"), Cache_Control="CacheControl"
-            ),
-            "links": job_links(),
-        },
+        202: response_of("Cancelled.", json_of("Job", "Job"), Cache_Control="CacheControl") | {"links": job_links()}
     },
     openapi_extra=extra(parameter("JobId"), problems=(404, 409, 422, 503)),
 )
 async def cancel_job(request: Request) -> Response:
-    """202 once nothing of the job can be recorded any more; again 202 if it was cancelled before."""
     job_id = request.path_params["id"]
-    job = await service_of(request).storage.write(stored.cancel_job, request.state.caller.tenant, job_id)
-    if job is None:
-        raise not_found_error("job", job_id)
+    found = await service_of(request).storage.write(stored.cancel_job, request.state.caller.tenant, job_id)
+    job = require_found(found, "job", job_id)
     if job.state != "cancelled":
         detail = f"the job has {job.state}; there is nothing to cancel"
         raise TransportError("finished", detail, f"GET /v1/jobs/{job.id}")
@@ -241,7 +224,6 @@ async def cancel_job(request: Request) -> Response:
     openapi_extra=extra(parameter("JobId"), problems=(404, 409, 422, 503)),
 )
 async def get_job_result(request: Request) -> Response:
-    """303 to the result; the job's own problem if it failed."""
     job = await find_job(request)
     if job.state == "succeeded":
         return Response(b"", 303, {"Location": f"/v1/results/{job.result_sha256}", **REVALIDATE})
@@ -295,14 +277,10 @@ SEAT_SECONDS = 5  # after which a seat may be free
     openapi_extra=extra(parameter("JobId"), parameter("LastEventID"), problems=(404, 422, 429, 503)),
 )
 async def get_events(request: Request, service: TheService) -> Response:
-    """A stream of what happened after the last event that the client saw, until the job ends.
-
-    204 when the job has ended and the client has seen all: that tells an EventSource to stop asking.
-    """
     after = _last_event_id(request)
     job = await find_job(request)
     if job.is_over and job.last_event <= after:
-        return Response(b"", 204)
+        return Response(b"", 204)  # which tells an EventSource to stop asking
     if (seat := service.seat(job.tenant)) != "seated":
         raise _seat_error(service, seat)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}  # nginx would hold events back
@@ -396,9 +374,7 @@ async def find_result(request: Request) -> StoredResult:
     """The result in the path, if a job of the caller's tenant came to it.  Raises TransportError 404."""
     sha256 = request.path_params["sha256"]
     result = await service_of(request).storage.run(stored_results.read_result, request.state.caller.tenant, sha256)
-    if result is None:
-        raise not_found_error("result", sha256)
-    return result
+    return require_found(result, "result", sha256)
 
 
 def result_response(request: Request, result: StoredResult, headers: dict[str, str] | None = None) -> Response:

@@ -28,13 +28,10 @@ class Metrics:
         shared = bool(os.environ.get(COUNTERS))
         self._registry = CollectorRegistry()
         own = CollectorRegistry() if shared else self._registry
-        self._requests = Counter(
-            "tailstack_http_requests", "Requests answered.", ("method", "route", "status"), registry=own
-        )
+        labels = ("method", "route")
+        self._requests = Counter("tailstack_http_requests", "Requests answered.", (*labels, "status"), registry=own)
         words = "Seconds until a request was answered."
-        self._seconds = Histogram(
-            "tailstack_http_request_seconds", words, ("method", "route"), buckets=SECONDS, registry=own
-        )
+        self._seconds = Histogram("tailstack_http_request_seconds", words, labels, buckets=SECONDS, registry=own)
         if shared:
             multiprocess.MultiProcessCollector(self._registry)  # type: ignore[no-untyped-call]
 

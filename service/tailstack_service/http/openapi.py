@@ -36,7 +36,6 @@ COMPONENTS: dict[str, Any] = json.loads(Path(__file__).with_name("components.jso
 
 
 def reference(kind: str, name: str) -> dict[str, str]:
-    """A reference to a component."""
     return {"$ref": f"#/components/{kind}/{name}"}
 
 
@@ -60,6 +59,11 @@ def media_types(media: str, schema: dict[str, Any], example: str | None = None) 
     return {media: entry}
 
 
+def json_of(schema: str, example: str | None = None) -> dict[str, Any]:
+    """Content in JSON, by a schema of the components."""
+    return media_types(JSON, reference("schemas", schema), example)
+
+
 def response_of(description: str, content: Mapping[str, Any] | None = None, **headers: str) -> dict[str, Any]:
     """A response object; headers by component, underscores for hyphens."""
     response: dict[str, Any] = {"description": description}
@@ -71,7 +75,6 @@ def response_of(description: str, content: Mapping[str, Any] | None = None, **he
 
 
 def parameter(name: str) -> dict[str, str]:
-    """A parameter of the components."""
     return reference("parameters", name)
 
 
@@ -161,7 +164,7 @@ def _design_name(operation: Operation) -> str:
 
 def _body(operation: Operation) -> dict[str, Any]:
     name = request_name(operation)
-    content = media_types(JSON, reference("schemas", name), name)
+    content = json_of(name, name)
     if operation.yaml:
         content |= media_types(YAML, reference("schemas", "Design"), _design_name(operation))
     for media in operation.body.media if operation.body is not None else ():
@@ -173,9 +176,10 @@ def _body(operation: Operation) -> dict[str, Any]:
 TABLES = {"text/csv": "Variants", "application/x-ndjson": "VariantLines"}  # examples by media type
 
 
-def _file(media: str, example: str | None) -> dict[str, Any]:
+def _file(media: str, example: str | None = None) -> dict[str, Any]:
     """A file as a body: text, or bytes."""
     text = media.startswith("text/") or media in TABLES or example is not None
+    # contentMediaType is how 3.1 says it, format what generators of clients look at
     bytewise = {"format": "binary", "contentMediaType": media}
     return media_types(media, {"type": "string", **({} if text else bytewise)}, example)
 
@@ -188,19 +192,16 @@ REPORT = {  # headers of one
 REPORT_FORMS: dict[str, Any] = {  # JSON first: programs that generate clients take what comes first
     JSON: {"schema": {"type": "object"}},
     MEDIA_TYPES["html"]: {"schema": {"type": "string"}},
-    # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
-    **{
-        media: {"schema": {"type": "string", "format": "binary", "contentMediaType": media}}
-        for media in (MEDIA_TYPES["pdf"], MEDIA_TYPES["xlsx"])
-    },
+    **_file(MEDIA_TYPES["pdf"]),
+    **_file(MEDIA_TYPES["xlsx"]),
 }
 
 
 def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
-    record = media_types(JSON, reference("schemas", component(operation.name)))
+    record = json_of(component(operation.name))
     if operation.document is None:
         return {200: response_of(f"{operation.summary}.", record)}
-    forms = REPORT_FORMS | record | (_file("text/csv", None) if operation.csv is not None else {})
+    forms = REPORT_FORMS | record | (_file("text/csv") if operation.csv is not None else {})
     done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", forms, **REPORT)
     return {200: {**done, "headers": only_with("when it is a report", done["headers"])}}
 
@@ -209,18 +210,17 @@ def _job_answers(operation: Operation) -> dict[int | str, Any]:
     at_once = _at_once(operation)
     in_time = f"{at_once}, or with Prefer: wait in time" if at_once else "with Prefer: wait, in time"
     done = response_of(
-        f"{operation.summary}: {in_time}.", media_types(JSON, reference("schemas", component(operation.name))),
-        ETag="ETag", Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
+        f"{operation.summary}: {in_time}.", json_of(component(operation.name)), ETag="ETag",
+        Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
         Preference_Applied="PreferenceApplied", Idempotency_Replayed="IdempotencyReplayed",
     )  # fmt: skip
-    if operation.answers:
-        for media in operation.answers:
-            done["content"] |= _file(media, None)
+    for media in operation.answers:
+        done["content"] |= _file(media)
     if at_once:
         done["headers"] = only_with("when it was a job", done["headers"])
     accepted = response_of(
-        "Accepted: the job.", media_types(JSON, reference("schemas", "Job"), "Job"), Location="Location",
-        Retry_After="RetryAfter", Cache_Control="CacheControl", Preference_Applied="PreferenceApplied",
+        "Accepted: the job.", json_of("Job", "Job"), Location="Location", Retry_After="RetryAfter",
+        Cache_Control="CacheControl", Preference_Applied="PreferenceApplied",
         Idempotency_Replayed="IdempotencyReplayed",
     )  # fmt: skip
     return {200: done, 202: {**accepted, "links": job_links()}}
@@ -292,9 +292,8 @@ def openapi_json(app: FastAPI) -> bytes:
 
 def _complete(described: dict[str, Any], route: APIRoute, method: str) -> None:
     """What every route has: the problems that can come, the id of the request, the scope."""
-    scope = next(
-        (depends.dependency.scope for depends in route.dependencies if isinstance(depends.dependency, Needs)), None
-    )
+    dependencies = (each.dependency for each in route.dependencies)
+    scope = next((each.scope for each in dependencies if isinstance(each, Needs)), None)
     statuses = {421, 500, *described.pop(PROBLEMS, ()), *((401, 403) if scope else ())}
     if method == "POST":
         statuses.add(403)  # a page of another site, where there is no authentication
@@ -313,24 +312,19 @@ def _complete(described: dict[str, Any], route: APIRoute, method: str) -> None:
 PUBLISHED = {"JobDocument": "Job", "ProblemDocument": "Problem"}  # records whose own names say it twice
 
 
-class _Schemas:
-    """Schemas by component name.  Equal definitions are shared, different ones of one name are kept apart."""
-
-    def __init__(self) -> None:
-        self.found: dict[str, Any] = {}
-
-    def add(self, name: str, schema: dict[str, Any]) -> None:
-        definitions = schema.pop("$defs", {})
-        body = {key: value for key, value in schema.items() if key not in ("$schema", "$id")}
-        names = {
-            key: key
-            if key != name and (key not in self.found or self.found[key] == _rename_references(definitions[key], {}))
-            else f"{name}{key}"
-            for key in definitions
-        } | {key: PUBLISHED[key] for key in definitions if key in PUBLISHED}
-        for key, definition in definitions.items():
-            self.found[names[key]] = _rename_references(definition, names)
-        self.found[name] = _rename_references(body, names)
+def _add_schema(made: dict[str, Any], name: str, schema: dict[str, Any]) -> None:
+    """Under its component's name.  Equal definitions are shared, different ones of one name are kept apart."""
+    definitions = schema.pop("$defs", {})
+    body = {key: value for key, value in schema.items() if key not in ("$schema", "$id")}
+    names = {
+        key: key
+        if key != name and (key not in made or made[key] == _rename_references(definitions[key], {}))
+        else f"{name}{key}"
+        for key in definitions
+    } | {key: PUBLISHED[key] for key in definitions if key in PUBLISHED}
+    for key, definition in definitions.items():
+        made[names[key]] = _rename_references(definition, names)
+    made[name] = _rename_references(body, names)
 
 
 def _rename_references(node: Any, names: dict[str, str]) -> Any:
@@ -349,16 +343,16 @@ def _rename_references(node: Any, names: dict[str, str]) -> Any:
 
 def _schemas(records: Sequence[type]) -> dict[str, Any]:
     """Every schema that a route speaks of."""
-    made = _Schemas()
+    made: dict[str, Any] = {}
     for name in ("design", *OPERATIONS, "job", "jobs", "problem"):
-        made.add(component(name), json_schema(name))
+        _add_schema(made, component(name), json_schema(name))
     for operation in OPERATIONS.values():
-        made.add(request_name(operation), _request_schema(operation))
+        _add_schema(made, request_name(operation), _request_schema(operation))
     for name, schema in COMPONENTS["schemas"].items():
-        made.add(name, dict(schema))
+        _add_schema(made, name, dict(schema))
     for record in records:
-        made.add(record.__name__, record_json_schema(record))
-    return dict(sorted(made.found.items()))
+        _add_schema(made, record.__name__, record_json_schema(record))
+    return dict(sorted(made.items()))
 
 
 def _request_schema(operation: Operation) -> dict[str, Any]:
@@ -407,14 +401,12 @@ def _examples() -> dict[str, Any]:
     """A request for every operation, and a job; openapi/answers.py adds what operations answer."""
     made: dict[str, Any] = dict(COMPONENTS["examples"])
     for operation in OPERATIONS.values():
-        design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
+        design = {"design": EXAMPLE_DESIGN} if _takes_parts(operation) else {}
         value = {**design, **operation.example}
         made[request_name(operation)] = {"summary": operation.example_title, "value": value}
         if operation.yaml:
-            made[_design_name(operation)] = {
-                "summary": "The design itself",
-                "value": value.get("design", EXAMPLE_DESIGN),
-            }
+            alone = value.get("design", EXAMPLE_DESIGN)
+            made[_design_name(operation)] = {"summary": "The design itself", "value": alone}
     bodies = [operation.body for operation in OPERATIONS.values() if operation.body is not None]
     for sample in (sample for body in bodies for sample in body.samples.values()):
         made[sample.name] = {"summary": sample.summary, "value": sample.text}

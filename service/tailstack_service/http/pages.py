@@ -19,8 +19,8 @@ from tailstack import __version__
 
 from ..problems import TransportError
 from ..shipped import find_manual
-from .answers import JSON, matches_tag, place, record_response, takes
-from .openapi import extra, media_types, reference, response_of
+from .answers import JSON, place, record_response, tagged_response, takes
+from .openapi import extra, json_of, media_types, response_of
 from .service import query
 
 router = APIRouter(tags=["information"], default_response_class=Response)
@@ -109,18 +109,12 @@ async def send_file(
         raise TransportError("not-found", f"there is no file {name[:80]!r}", "GET / leads to the page that is there")
     headers = {"Cache-Control": caching, "X-Content-Type-Options": "nosniff", "Vary": "Accept-Encoding"}
     if policy is not None:
-        headers |= {
-            "Content-Security-Policy": policy,
-            "Referrer-Policy": "no-referrer",
-            "Vary": "Accept, Accept-Encoding",
-        }
+        headers |= {"Content-Security-Policy": policy, "Referrer-Policy": "no-referrer"}
+        headers["Vary"] = "Accept, Accept-Encoding"
     body, tag = file.body, file.tag
     if file.packed is not None and takes(request, "accept-encoding", "gzip"):
         body, tag, headers["Content-Encoding"] = file.packed, f"{file.tag}-gzip", "gzip"
-    headers["ETag"] = f'"{tag}"'
-    if matches_tag(request, tag):
-        return Response(b"", 304, headers)
-    return Response(body, 200, headers, file.media_type)
+    return tagged_response(request, body, file.media_type, headers, tag)
 
 
 @router.get(
@@ -131,9 +125,7 @@ async def send_file(
     description="Browsers, which ask for text/html, are shown a page; programs are told what there is.",
     responses={
         200: response_of(
-            "Where to go from here.",
-            media_types(JSON, reference("schemas", "Index")) | media_types("text/html", {"type": "string"}),
-            Vary="VaryAccept",
+            "Where to go from here.", json_of("Index") | media_types("text/html", {"type": "string"}), Vary="VaryAccept"
         ),
         307: response_of(
             "A browser: to /docs where the package holds no web page, to the address with a slash at its end.",

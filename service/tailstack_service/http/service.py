@@ -245,7 +245,6 @@ class Service:
 
 
 def service_of(request: Request) -> Service:
-    """The service that a request came to."""
     service: Service = request.app.state.service
     return service
 

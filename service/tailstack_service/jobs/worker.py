@@ -81,11 +81,12 @@ def log_unit(level: int, action: str, claim: Claim, words: str, **fields: Any) -
     log.log(level, "unit %d of job %s %s", claim.index, claim.job_id, words, extra=fields)
 
 
-def make_defect_outcome() -> Outcome:
-    """Of a unit that raised what is not a refusal; its traceback belongs into the log."""
+def report_defect(claim: Claim, error: BaseException) -> Outcome:
+    """The outcome of a unit that raised what is not a refusal, with its traceback in the log."""
+    log_unit(logging.ERROR, "defect", claim, f"met a defect of the service\n{error}")
     hint = "report it with the job's id: the log of the worker holds the cause under it"
-    error = TransportError("internal-error", "the job met a defect of the service", hint)
-    return Outcome(problem=render_problem(error))
+    refusal = TransportError("internal-error", "the job met a defect of the service", hint)
+    return Outcome(problem=render_problem(refusal))
 
 
 class Heartbeat:
@@ -258,8 +259,7 @@ class Worker:
         if future.cancelled() or isinstance(error, GivenBack | Died):
             return self._conclude_without_outcome(claim, error)
         if error is not None:
-            log_unit(logging.ERROR, "defect", claim, f"met a defect of the service\n{error}")
-            return self._conclude_with(claim, make_defect_outcome())
+            return self._conclude_with(claim, report_defect(claim, error))
         outcome = future.result()
         self._rest_seconds = FIRST_REST
         self._usual_seconds += 0.1 * (outcome.cpu_seconds - self._usual_seconds)
@@ -286,8 +286,7 @@ class Worker:
             try:
                 return queue.record(self._db, claim, outcome, max_job_seconds=self._settings.max_job_seconds)
             except ValueError as error:
-                log_unit(logging.ERROR, "defect", claim, f"met a defect of the service\n{error}")
-                defect = make_defect_outcome()
+                defect = report_defect(claim, error)
                 return queue.record(self._db, claim, defect, max_job_seconds=self._settings.max_job_seconds)
 
         if outcome.answer is not None or outcome.problem is not None:
@@ -495,15 +494,12 @@ class _Stop:
 
 def find_live_worker(settings: Settings) -> WorkerEntry | None:
     """The worker of this host that spoke last, if that was recently.  Raises StoreError, StoreUnavailable."""
-    db = open_database(settings.database_url, read_only=True)
-    try:
+    with closing(open_database(settings.database_url, read_only=True)) as db:
         with reading(db) as connection:
             at = now(db, connection)
         silence = max(SILENCE_SECONDS, settings.lease_seconds)
         here = [worker for worker in list_workers(db) if worker.host == socket.gethostname()]
         return max((w for w in here if w.seen_at > at - silence), key=lambda w: w.seen_at, default=None)
-    finally:
-        db.close()
 
 
 class HourlyPurge:

@@ -25,8 +25,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from tailstack.kernels import sources
 from tailstack.kernels.process import SINGLE_THREADED
-from tailstack.kernels.sources import SourceFile, digest_of_all, read_sources
 from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
 
@@ -183,10 +183,8 @@ def _find_nursery() -> Nursery:
             ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             _nursery = Nursery(ours, digest_code(), at_start)
             with theirs:
-                nothing = subprocess.DEVNULL
-                process = subprocess.Popen(
-                    make_command(NURSERY), stdin=theirs.fileno(), stdout=nothing, env=environment
-                )
+                command = make_command(NURSERY)
+                process = subprocess.Popen(command, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, env=environment)
             _started.append((_nursery, process))
             for function, computations in _prepared.items():
                 _send(_nursery, Preparation(function, computations)).close()
@@ -284,21 +282,17 @@ def refuse_unusable_kernels() -> None:
 @cache
 def digest_code() -> str:
     """Of all sources of this version, as this process first found them: the name of the code that it runs."""
-    from tailstack.kernels import sources
-
     return _digest(sources.SOURCES)
 
 
 def digest_files() -> str:
     """The same of the files as they are now."""
-    from tailstack.kernels import sources
-
     return _digest(sources.read_sources(sources.ROOT))
 
 
-def _digest(solver: dict[str, SourceFile]) -> str:
-    here = digest_of_all(read_sources(Path(__file__).resolve().parents[1]))
-    return sha256(f"{digest_of_all(solver)} {here}".encode()).hexdigest()
+def _digest(solver: dict[str, sources.SourceFile]) -> str:
+    here = sources.digest_of_all(sources.read_sources(Path(__file__).resolve().parents[1]))
+    return sha256(f"{sources.digest_of_all(solver)} {here}".encode()).hexdigest()
 
 
 def running_code() -> str:

@@ -47,8 +47,6 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0  # s between attempts to reach the schedul
 
 @dataclass(slots=True)
 class _RemoteTask:
-    """A task in the cluster."""
-
     key: str
     remote: RemoteFuture[Outcome]
     submitted: float
@@ -218,9 +216,8 @@ class DaskEngine:
                 log.info("the Dask cluster has %d threads", threads, extra={"action": "dask-capacity"})
             self._threads = threads
             self._ask_when_begun(client)
-            client.register_plugin(
-                ChildrenPlugin(), name=PLUGIN
-            )  # again and again: the scheduler may be another one by now
+            # Again and again: the scheduler may be another one by now
+            client.register_plugin(ChildrenPlugin(), name=PLUGIN)
         self._kill_ordered(client, wait=LOOK_SECONDS)
 
     def _ask_when_begun(self, client: Client) -> None:
@@ -257,22 +254,17 @@ def _close(client: Client | None) -> None:
 def _require_tls(settings: Settings) -> str:
     if settings.dask_scheduler.startswith("tls://"):
         return settings.dask_scheduler
-    raise _setting_error(
-        "dask_scheduler", "must be tls://HOST:PORT: who can reach a Dask cluster without TLS can run code on it"
-    )
+    detail = "must be tls://HOST:PORT: who can reach a Dask cluster without TLS can run code on it"
+    raise _setting_error("dask_scheduler", detail)
 
 
 def _make_security(settings: Settings) -> Any:
-    files = {name: getattr(settings, name) for name in ("dask_ca_file", "dask_cert_file", "dask_key_file")}
-    for name, path in files.items():
+    names = {"tls_ca_file": "dask_ca_file", "tls_client_cert": "dask_cert_file", "tls_client_key": "dask_key_file"}
+    files = {option: getattr(settings, name) for option, name in names.items()}
+    for option, path in files.items():
         if not path or not Path(path).is_file():
-            raise _setting_error(name, f"must name a file; got {path!r}")
-    return Security(
-        require_encryption=True,
-        tls_ca_file=files["dask_ca_file"],
-        tls_client_cert=files["dask_cert_file"],
-        tls_client_key=files["dask_key_file"],
-    )
+            raise _setting_error(names[option], f"must name a file; got {path!r}")
+    return Security(require_encryption=True, **files)
 
 
 def _setting_error(name: str, detail: str) -> RequestError:

@@ -56,17 +56,9 @@ def name_operator() -> str:
 
 
 def write_entry(
-    db: Database,
-    connection: Connection,
-    at: float,
-    *,
-    actor: str,
-    action: str,
-    tenant: str,
-    subject: str,
-    detail: dict[str, Any],
-    once: str | None = None,
-) -> None:
+    db: Database, connection: Connection, at: float, *, actor: str, action: str, tenant: str, subject: str,
+    detail: dict[str, Any], once: str | None = None,
+) -> None:  # fmt: skip
     """One entry, in the caller's transaction; nothing if there is one with the same ``once``."""
     values = {
         "id": new_job_id(at),

@@ -93,8 +93,7 @@ class DatabaseFile:
                 hint = "make room, or give the service another disk; it is ready again by itself"
                 raise StoreUnavailable(Problem("", "disk-full", detail, hint)) from None
             detail = f"nothing can be written beside {self.path}: {error.strerror or error}"
-            hint = "this user must be allowed to write the file and its directory"
-            raise StoreError(Problem("", "unusable-database", detail, hint)) from None
+            raise StoreError(Problem("", "unusable-database", detail, _OPEN)) from None
 
 
 def _require_same_inode(path: Path, seen: tuple[int, int] | None) -> tuple[int, int]:
@@ -330,8 +329,7 @@ def _begin_writing(connection: Connection) -> None:
                 connection.exec_driver_sql("BEGIN IMMEDIATE")
                 return
             except exc.OperationalError as error:
-                code = getattr(error.orig, "sqlite_errorcode", 0)
-                if code & 0xFF != sqlite3.SQLITE_BUSY or _limit.left() < 0:
+                if _sqlite_code(error) != sqlite3.SQLITE_BUSY or _limit.left() < 0:
                     raise
             _limit.clock.sleep(random.uniform(0.0005, 0.004))
     finally:
@@ -345,14 +343,9 @@ def _make_postgresql_engine(url: URL, *, read_only: bool = False) -> Engine:
     arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 30_000}
     arguments = {key: value for key, value in arguments.items() if key not in url.query}
     engine = sa.create_engine(
-        url,
-        connect_args=arguments,
-        isolation_level="READ COMMITTED",
-        pool_pre_ping=True,
-        pool_size=8,
-        max_overflow=16,
-        pool_timeout=BUSY_SECONDS,
-    )
+        url, connect_args=arguments, isolation_level="READ COMMITTED", pool_pre_ping=True, pool_size=8,
+        max_overflow=16, pool_timeout=BUSY_SECONDS,
+    )  # fmt: skip
     limited = _make_limited_connection(engine.dialect.dbapi)
 
     @sa.event.listens_for(engine, "do_connect")
@@ -457,23 +450,26 @@ def _translate_faults(db: Database) -> Iterator[None]:
     except (exc.DBAPIError, exc.TimeoutError) as error:
         reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
         if (closed := _find_closed(db, error)) is not None:
-            raise StoreError(
-                Problem("", "unusable-database", f"{closed} cannot be used by this user", _OPEN)
-            ) from error
+            detail = f"{closed} cannot be used by this user"
+            raise StoreError(Problem("", "unusable-database", detail, _OPEN)) from error
         if _is_temporary(error):
-            raise StoreUnavailable(Problem("", "store-unavailable", reason, _find_patience(error))) from error
+            patience = _SERVER_PATIENCE if _sqlite_code(error) is None else _SQLITE_PATIENCE
+            raise StoreUnavailable(Problem("", "store-unavailable", reason, patience)) from error
         cure = _find_cure(error)
         if cure is not None:
             raise StoreError(Problem("", "unusable-database", reason, cure)) from error
         raise
 
 
+def _sqlite_code(error: exc.DBAPIError | exc.TimeoutError) -> int | None:
+    """The primary result code of SQLite; None for what it did not say."""
+    code = getattr(getattr(error, "orig", None), "sqlite_errorcode", None)
+    return None if code is None else int(code) & 0xFF
+
+
 def _find_closed(db: Database, error: exc.DBAPIError | exc.TimeoutError) -> Path | None:
     """What keeps SQLite from opening its file for ever: the file or its folder, which this user may not use."""
-    if (
-        db.file is None
-        or getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_CANTOPEN
-    ):
+    if db.file is None or _sqlite_code(error) != sqlite3.SQLITE_CANTOPEN:
         return None
     places = (db.file.path.parent, db.file.path)
     return next((place for place in places if not os.access(place, os.R_OK | os.W_OK)), None)
@@ -482,30 +478,25 @@ def _find_closed(db: Database, error: exc.DBAPIError | exc.TimeoutError) -> Path
 def _is_temporary(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     if isinstance(error, exc.TimeoutError) or error.connection_invalidated:
         return True
-    code = getattr(error.orig, "sqlite_errorcode", None)
+    code = _sqlite_code(error)
     if code is not None:
-        return code & 0xFF in PASSING_SQLITE_CODES
+        return code in PASSING_SQLITE_CODES
     return isinstance(error, exc.OperationalError | exc.InterfaceError)
 
 
 _OPEN = "this user must be allowed to write the file and its directory"
 _SQLITE_PATIENCE = "try again in a moment; no other program may hold the file, and its disk must not be full"
-
-
-def _find_patience(error: exc.DBAPIError | exc.TimeoutError) -> str:
-    if hasattr(getattr(error, "orig", None), "sqlite_errorcode"):
-        return _SQLITE_PATIENCE
-    return "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
+_SERVER_PATIENCE = "try again in a moment; the server that TAILSTACK_DATABASE names must be running"
 
 
 def _find_cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
     """What an operator can do about a database that cannot be used as it is; None for a defect of ours."""
-    original = getattr(error, "orig", None)
-    if getattr(original, "sqlite_errorcode", 0) & 0xFF in DAMAGED_SQLITE_CODES:
+    code = _sqlite_code(error)
+    if code in DAMAGED_SQLITE_CODES:
         return "restore a backup, or set TAILSTACK_DATABASE to another file"
-    if getattr(original, "sqlite_errorcode", 0) & 0xFF in CLOSED_SQLITE_CODES:
+    if code in CLOSED_SQLITE_CODES:
         return _OPEN
-    if getattr(original, "sqlstate", None) == "42501":
+    if getattr(getattr(error, "orig", None), "sqlstate", None) == "42501":
         return "the user of TAILSTACK_DATABASE must own the database: ALTER DATABASE name OWNER TO user"
     return None
 

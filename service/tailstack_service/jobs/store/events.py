@@ -59,14 +59,9 @@ def change_job(
 # Built once: putting a statement together takes longer than running it
 _INSERT = tables.events.insert()
 _UPDATE = sa.update(tables.jobs).where(tables.jobs.c.id == sa.bindparam("of_job"))
-_DELETE_OPEN_UNITS = sa.delete(tables.units).where(
-    tables.units.c.job_id == sa.bindparam("of_job"), tables.units.c.state != tables.RECORDED
-)
-_EMPTY_UNITS = (
-    sa.update(tables.units)
-    .where(tables.units.c.job_id == sa.bindparam("of_job"))
-    .values(spec=None, result=None, result_sha256=None)
-)
+_OF_JOB = tables.units.c.job_id == sa.bindparam("of_job")
+_DELETE_OPEN_UNITS = sa.delete(tables.units).where(_OF_JOB, tables.units.c.state != tables.RECORDED)
+_EMPTY_UNITS = sa.update(tables.units).where(_OF_JOB).values(spec=None, result=None, result_sha256=None)
 
 
 def estimate_eta_seconds(started_at: float | None, done: int, expected: int, now: float) -> float | None:

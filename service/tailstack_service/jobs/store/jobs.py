@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import sqlalchemy as sa
@@ -60,26 +59,18 @@ class JobsPage:
     next: str | None
 
 
-_COLUMNS = [tables.jobs.c[name] for name in Job.__dataclass_fields__]
+_JOB = tables.jobs.c
+_COLUMNS = [_JOB[name] for name in Job.__dataclass_fields__]
 
 
 def _make_job(row: AnyRow) -> Job:
-    values = dict(row._mapping)
-    return Job(**{**values, "problem": json.loads(values["problem"]) if values["problem"] else None})
+    return Job(**{**row._mapping, "problem": json.loads(row.problem) if row.problem else None})
 
 
 def submit_job(
-    db: Database,
-    *,
-    tenant: str,
-    kind: str,
-    request: bytes,
-    design_name: str,
-    solver_version: str,
-    request_id: str,
-    idempotency_key: str | None = None,
-    max_queued: int,
-) -> tuple[Job, bool]:
+    db: Database, *, tenant: str, kind: str, request: bytes, design_name: str, solver_version: str, request_id: str,
+    idempotency_key: str | None = None, max_queued: int,
+) -> tuple[Job, bool]:  # fmt: skip
     """The new job and True, or the job that this ``idempotency_key`` made before and False.
 
     Keys live as long as their job.  Raises IdempotencyConflict (the key came with another request), QueueFull.
@@ -88,30 +79,24 @@ def submit_job(
     with writing(db) as connection:
         _lock_tenant(db, connection, tenant)
         if idempotency_key is not None:
-            earlier = _find_by_key(connection, tenant, idempotency_key)
+            earlier = _select_job(connection, _JOB.tenant == tenant, _JOB.idempotency_key == idempotency_key)
             if earlier is not None:
                 if (earlier.kind, earlier.request_sha256) != (kind, sha256):
                     detail = f"this key made job {earlier.id} ({earlier.kind}) from a request with another content"
                     hint = "send a new key with a new request"
                     raise IdempotencyConflict(Problem("", "idempotency-conflict", detail, hint))
                 return earlier, False
-        if _count_unfinished(connection, tenant) >= max_queued:
+        unfinished = sa.select(sa.func.count()).where(_JOB.tenant == tenant, _JOB.state.in_(tables.UNFINISHED))
+        if connection.execute(unfinished).scalar_one() >= max_queued:
             hint = "wait until some have finished or cancel them; the operator's setting is TAILSTACK_MAX_QUEUED_JOBS"
             raise QueueFull(Problem("", "queue-full", f"at most {max_queued} unfinished jobs at a time", hint))
         at = now(db, connection)
         last = connection.execute(sa.select(sa.func.max(tables.jobs.c.id))).scalar_one()
         job = Job(
-            id=new_job_id(at, last),
-            tenant=tenant,
-            kind=kind,
-            request_sha256=sha256,
-            design_name=storable(design_name),
-            solver_version=solver_version,
-            request_id=request_id,
-            created_at=at,
-        )
-        values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
-        connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
+            id=new_job_id(at, last), tenant=tenant, kind=kind, request_sha256=sha256, design_name=storable(design_name),
+            solver_version=solver_version, request_id=request_id, created_at=at,
+        )  # fmt: skip
+        connection.execute(tables.jobs.insert(), asdict(job) | {"idempotency_key": idempotency_key})
         connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
         connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, at))
         write_event(connection, job.id, 1, at, "state", {"state": "queued"})
@@ -124,50 +109,32 @@ def _lock_tenant(db: Database, connection: Connection, tenant: str) -> None:
         connection.execute(sa.text("SELECT pg_advisory_xact_lock(1413564243, hashtext(:tenant))"), {"tenant": tenant})
 
 
-def _find_by_key(connection: Connection, tenant: str, key: str) -> Job | None:
-    j = tables.jobs.c
-    row = connection.execute(sa.select(*_COLUMNS).where(j.tenant == tenant, j.idempotency_key == key)).first()
-    return _make_job(row) if row else None
-
-
-def _count_unfinished(connection: Connection, tenant: str) -> int:
-    j = tables.jobs.c
-    query = sa.select(sa.func.count()).where(j.tenant == tenant, j.state.in_(tables.UNFINISHED))
-    return int(connection.execute(query).scalar_one())
-
-
 def find_job(db: Database, tenant: str, job_id: str) -> Job | None:
     """A tenant's job; None for one that does not exist or is another's."""
     if not is_job_id(job_id):
         return None
     with reading(db) as connection:
-        return _select_job(connection, tenant, job_id)
+        return _select_job(connection, _JOB.id == job_id, _JOB.tenant == tenant)
 
 
-def _select_job(connection: Connection, tenant: str, job_id: str, *, lock: bool = False) -> Job | None:
-    query = sa.select(*_COLUMNS).where(tables.jobs.c.id == job_id, tables.jobs.c.tenant == tenant)
+def _select_job(connection: Connection, *conditions: sa.ColumnElement[bool], lock: bool = False) -> Job | None:
+    query = sa.select(*_COLUMNS).where(*conditions)
     row = connection.execute(query.with_for_update() if lock else query).first()
     return _make_job(row) if row else None
 
 
 def list_page(
-    db: Database,
-    tenant: str,
-    *,
-    state: str | None = None,
-    kind: str | None = None,
-    after: str | None = None,
+    db: Database, tenant: str, *, state: str | None = None, kind: str | None = None, after: str | None = None,
     limit: int,
-) -> JobsPage:
+) -> JobsPage:  # fmt: skip
     """A tenant's jobs, newest first.  ``after`` is the ``next`` of the page before; ValueError for any other."""
-    j = tables.jobs.c
-    query = sa.select(*_COLUMNS).where(j.tenant == tenant).order_by(j.id.desc()).limit(limit + 1)
+    query = sa.select(*_COLUMNS).where(_JOB.tenant == tenant).order_by(_JOB.id.desc()).limit(limit + 1)
     if state is not None:
-        query = query.where(j.state == state)
+        query = query.where(_JOB.state == state)
     if kind is not None:
-        query = query.where(j.kind == kind)
+        query = query.where(_JOB.kind == kind)
     if after is not None:
-        query = query.where(j.id < _read_cursor(after))
+        query = query.where(_JOB.id < _read_cursor(after))
     with reading(db) as connection:
         jobs = [_make_job(row) for row in connection.execute(query)]
     shown = tuple(jobs[:limit])
@@ -178,7 +145,7 @@ def list_page(
 def _read_cursor(cursor: str) -> str:
     try:
         job_id = base64.b64decode(cursor.encode("ascii") + b"=" * (-len(cursor) % 4), b"-_", validate=True).decode()
-    except (ValueError, binascii.Error):
+    except ValueError:
         job_id = ""
     if not is_job_id(job_id):
         raise ValueError("not a cursor of this list")
@@ -192,9 +159,10 @@ def cancel_job(db: Database, tenant: str, job_id: str) -> Job | None:
     """
     if not is_job_id(job_id):
         return None
+    mine = _JOB.id == job_id, _JOB.tenant == tenant
     with writing(db) as connection:
-        job = _select_job(connection, tenant, job_id, lock=True)
+        job = _select_job(connection, *mine, lock=True)
         if job is None or job.is_over:
             return job
         end_job(connection, job, now(db, connection), "cancelled")
-        return _select_job(connection, tenant, job_id)
+        return _select_job(connection, *mine)

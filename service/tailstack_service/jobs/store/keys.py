@@ -8,7 +8,7 @@ from __future__ import annotations
 import hmac
 import re
 import secrets
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import sqlalchemy as sa
 
@@ -51,9 +51,8 @@ _COLUMNS = [tables.keys.c[name] for name in Key.__dataclass_fields__]
 
 
 def _make_key(row: AnyRow) -> Key:
-    values = dict(row._mapping)
-    values.pop("secret_sha256", None)
-    return Key(**{**values, "scopes": tuple(values["scopes"].split())})
+    values = {name: row._mapping[name] for name in Key.__dataclass_fields__}
+    return Key(**{**values, "scopes": tuple(row.scopes.split())})
 
 
 def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...], days: float) -> tuple[Key, str]:
@@ -67,8 +66,7 @@ def create_key(db: Database, *, tenant: str, name: str, scopes: tuple[str, ...],
     with writing(db) as connection:
         at = now(db, connection)
         key = Key(key_id, tenant, name, ordered, at, at + days * SECONDS_PER_DAY, None)
-        values = {field: getattr(key, field) for field in Key.__dataclass_fields__}
-        values |= {"scopes": " ".join(ordered), "secret_sha256": digest(secret.encode())}
+        values = asdict(key) | {"scopes": " ".join(ordered), "secret_sha256": digest(secret.encode())}
         connection.execute(tables.keys.insert(), values)
         detail = {"name": name, "scopes": list(ordered), "expires_at": key.expires_at}
         audit.write_operation(db, connection, at, audit.CREATED, tenant, key_id, detail)

@@ -82,16 +82,9 @@ def make_unit(job_id: str, number: int, spec: bytes, at: float) -> dict[str, Any
 
 
 def claim(
-    db: Database,
-    *,
-    worker_id: str,
-    solver_version: str,
-    lease_seconds: float,
-    limit: int,
-    max_attempts: int,
-    max_deaths: int,
-    may_take_over: Callable[[], bool] = lambda: True,
-) -> list[Claim]:
+    db: Database, *, worker_id: str, solver_version: str, lease_seconds: float, limit: int, max_attempts: int,
+    max_deaths: int, may_take_over: Callable[[], bool] = lambda: True,
+) -> list[Claim]:  # fmt: skip
     """At most ``limit`` units for this worker: those that wait, and those whose lease has run out.
 
     A lease that ends further ahead than leases last was given while the clock was ahead, and counts as run out.
@@ -121,23 +114,14 @@ def claim(
             connection.execute(_LEASE, [{"of_job": row.job_id, "of_number": row.number} | until for row in rows])
         return [
             Claim(
-                job_id=row.job_id,
-                index=row.number,
-                generation=row.generation,
-                token=row.token + 1,
-                kind=row.kind,
-                request=bodies[row.job_id],
-                spec=row.spec,
+                job_id=row.job_id, index=row.number, generation=row.generation, token=row.token + 1, kind=row.kind,
+                request=bodies[row.job_id], spec=row.spec,
                 results=tuple(result for result, _ in recorded.get(row.job_id, ())),
-                deaths=row.deaths,
-                attempts=row.attempts + 1,
-                request_id=row.request_id,
-                tenant=row.tenant,
-                max_attempts=max_attempts,
-                max_deaths=max_deaths,
+                deaths=row.deaths, attempts=row.attempts + 1, request_id=row.request_id, tenant=row.tenant,
+                max_attempts=max_attempts, max_deaths=max_deaths,
             )
             for row in rows
-        ]
+        ]  # fmt: skip
 
 
 def _can_claim(db: Database, lease_seconds: float) -> bool:
@@ -166,8 +150,6 @@ _CANDIDATE = (
     .order_by(_UNIT.place, _UNIT.job_id, _UNIT.number)
     .with_for_update(of=tables.units, skip_locked=True)
 )  # fmt: skip
-
-
 # Built once: putting a statement together takes longer than running it
 _OF_SOME = _JOB.solver_version.not_in(sa.bindparam("others", expanding=True))
 _READY = _CANDIDATE.where(_UNIT.state == tables.READY).limit(sa.bindparam("at_most", type_=sa.Integer))
@@ -242,17 +224,11 @@ def render_lost_unit(attempts: int, deaths: int, why: str = "") -> bytes:
     return render_problem(UnitLost(Problem("", "unit-lost", detail, hint)))
 
 
-_LEASE = (
-    sa.update(tables.units)
-    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
-    .values(
-        state="leased",
-        token=_UNIT.token + 1,
-        attempts=_UNIT.attempts + 1,
-        worker_id=sa.bindparam("by_worker"),
-        lease_until=sa.bindparam("until"),
-    )
-)
+_OF_UNIT = sa.and_(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
+_LEASE = sa.update(tables.units).where(_OF_UNIT).values(
+    state="leased", token=_UNIT.token + 1, attempts=_UNIT.attempts + 1, worker_id=sa.bindparam("by_worker"),
+    lease_until=sa.bindparam("until"),
+)  # fmt: skip
 
 
 _Recorded = tuple[tuple[UnitResult, str], ...]  # with the hash under which each was recorded
@@ -330,11 +306,7 @@ _KNOWN = (
     .where(_UNIT.number.in_(sa.bindparam("of_numbers", expanding=True)))
 )
 _FREE = _KNOWN.where(_UNIT.worker_id == sa.bindparam("by_worker")).with_for_update(of=tables.units, skip_locked=True)
-_PROLONG = (
-    sa.update(tables.units)
-    .where(_UNIT.job_id == sa.bindparam("of_job"), _UNIT.number == sa.bindparam("of_number"))
-    .values(lease_until=sa.bindparam("until"))
-)
+_PROLONG = sa.update(tables.units).where(_OF_UNIT).values(lease_until=sa.bindparam("until"))
 
 
 def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: float) -> bool:
@@ -405,14 +377,8 @@ def _bind_claim(claim: Claim) -> dict[str, Any]:
     return {"of_job": claim.job_id, "of_number": claim.index, "of_token": claim.token}
 
 
-_CLAIMED = sa.and_(
-    _UNIT.job_id == sa.bindparam("of_job"),
-    _UNIT.number == sa.bindparam("of_number"),
-    _UNIT.token == sa.bindparam("of_token"),
-)
+_CLAIMED = sa.and_(_OF_UNIT, _UNIT.token == sa.bindparam("of_token"))
 _END_CLAIM = sa.update(tables.units).where(_CLAIMED, _UNIT.state == tables.LEASED)
-
-
 _WAS_RECORDED = sa.select(sa.exists().where(_CLAIMED, _UNIT.state == tables.RECORDED))
 
 
@@ -453,5 +419,4 @@ def release(db: Database, claim: Claim, *, died: bool, why: str = "") -> None:
         if not _end_claim(connection, claim, "ready", ready_at=at, deaths=deaths):
             return
         if deaths >= claim.max_deaths or claim.attempts >= claim.max_attempts:
-            problem = render_lost_unit(claim.attempts, deaths, why)
-            end_job(connection, job, at, "failed", problem=problem)
+            end_job(connection, job, at, "failed", problem=render_lost_unit(claim.attempts, deaths, why))

@@ -125,9 +125,8 @@ def keep_designs(db: Database, entries: Sequence[tuple[str, str, bytes]], most: 
         for tenant, sha256, body in entries:
             values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
             statement = insert(db.dialect, tables.designs).values(values | {"sent_at": at})
-            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")} | {
-                "aged_from": None
-            }
+            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")}
+            changed["aged_from"] = None
             connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
             at += ORDER_SECONDS
         for tenant in {tenant for tenant, _, _ in entries}:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from threading import Lock
 
@@ -41,8 +42,7 @@ def require_current(db: Database) -> None:
     """Raise StoreError, with the next command, unless the tables are of the version that this code knows."""
     version = schema_version(db)
     if version is None:
-        problem = Problem("", "no-schema", "the database holds no tables of tailstack", "tailstack db migrate")
-        raise StoreError(problem)
+        raise StoreError(Problem("", "no-schema", "the database holds no tables of tailstack", "tailstack db migrate"))
     _refuse_strange(version)
     if version < HEAD:
         detail = f"the database has schema version {version}, this tailstack needs {HEAD}"
@@ -69,8 +69,7 @@ def migrate_database(url: str) -> tuple[str | None, str]:
     All or nothing, and safe when several do it at once: one does, the others find it done.  Returns the version before
     and after.  Raises StoreError (a version of before 0.2 or a newer one, a bad URL), StoreUnavailable.
     """
-    db = connect(url, create=True)
-    try:
+    with closing(connect(url, create=True)) as db:
         with writing(db.within(MIGRATING_SECONDS) if db.dialect == "postgresql" else db) as connection:
             if db.dialect == "postgresql":
                 connection.execute(sa.text("SET LOCAL statement_timeout = 0; SET LOCAL lock_timeout = 0"))
@@ -80,8 +79,6 @@ def migrate_database(url: str) -> tuple[str | None, str]:
             if before != HEAD:
                 _upgrade(connection, before)
         return before, HEAD
-    finally:
-        db.close()
 
 
 def _upgrade(connection: Connection, before: str | None) -> None:
@@ -112,8 +109,7 @@ def open_database(
 
     Raises StoreError with the next command, StoreUnavailable if the server cannot be reached.
     """
-    parsed = parse_url(url)
-    if parsed.get_backend_name() == "sqlite" and migrate:
+    if parse_url(url).get_backend_name() == "sqlite" and migrate:
         migrate_database(url)
     db = connect(url, clock=clock, read_only=read_only)
     try:

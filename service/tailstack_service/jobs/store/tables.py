@@ -77,6 +77,11 @@ requests = sa.Table(
     Column("body", LargeBinary, nullable=False),
 )
 
+
+def _partial_index(name: str, *columns: str, where: str) -> Index:
+    return Index(name, *columns, sqlite_where=sa.text(where), postgresql_where=sa.text(where))
+
+
 units = sa.Table(
     "units",
     metadata,
@@ -96,19 +101,10 @@ units = sa.Table(
     Column("cpu_seconds", Double, nullable=False),
     Column("result_sha256", Text),  # of a recorded result
     CheckConstraint("state IN ('ready', 'leased', 'recorded')", name="units_state"),
-    Index(
-        "units_ready", "place", "job_id", "number",
-        sqlite_where=sa.text("state = 'ready'"), postgresql_where=sa.text("state = 'ready'"),
-    ),
-    Index(
-        "units_leased", "lease_until",
-        sqlite_where=sa.text("state = 'leased'"), postgresql_where=sa.text("state = 'leased'"),
-    ),
-    Index(
-        "units_open", "job_id",
-        sqlite_where=sa.text("state <> 'recorded'"), postgresql_where=sa.text("state <> 'recorded'"),
-    ),
-)  # fmt: skip
+    _partial_index("units_ready", "place", "job_id", "number", where="state = 'ready'"),
+    _partial_index("units_leased", "lease_until", where="state = 'leased'"),
+    _partial_index("units_open", "job_id", where="state <> 'recorded'"),
+)
 
 events = sa.Table(
     "events",

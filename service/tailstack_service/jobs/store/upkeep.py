@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
@@ -73,9 +74,12 @@ def _check_pragma(connection: Connection, name: str) -> DatabaseCheck:
 def _check_none(name: str, wrong: Iterable[str]) -> DatabaseCheck:
     """That nothing breaks a rule; the first that do are named."""
     names = list(wrong)
-    return DatabaseCheck(
-        name, not names, f"not so: {', '.join(names[:3])}{' ...' if len(names) > 3 else ''}" if names else "ok"
-    )
+    detail = f"not so: {', '.join(names[:3])}{' ...' if len(names) > 3 else ''}" if names else "ok"
+    return DatabaseCheck(name, not names, detail)
+
+
+def _of_job(figure: sa.ColumnElement[Any], *conditions: sa.ColumnElement[bool]) -> sa.ScalarSelect[Any]:
+    return sa.select(figure).where(*conditions).correlate(tables.jobs).scalar_subquery()
 
 
 _HASHES = {
@@ -83,7 +87,7 @@ _HASHES = {
     "requests have the hash they came with": find_changed_requests,
     "recorded units have the hash they were recorded with": find_changed_parts,
 }
-_J, _U, _L = tables.jobs.c, tables.units.c, tables.lifetime.c
+_J, _U, _E, _L = tables.jobs.c, tables.units.c, tables.events.c, tables.lifetime.c
 _OPEN_UNIT = sa.exists().where(_U.job_id == _J.id, _U.state != tables.RECORDED)
 _RULES: dict[str, sa.Select[str]] = {
     "every unit belongs to a job": sa.select(_U.job_id).where(~sa.exists().where(_J.id == _U.job_id)).distinct(),
@@ -98,11 +102,7 @@ _RULES: dict[str, sa.Select[str]] = {
         sa.exists().where(_U.job_id == _J.id, _U.state == tables.RECORDED, _U.advance.is_(False), _U.result.is_(None)),
     ),
     "units are counted right": sa.select(_J.id).where(
-        _J.units_done
-        != sa.select(sa.func.count())
-        .where(_U.job_id == _J.id, _U.state == tables.RECORDED)
-        .correlate(tables.jobs)
-        .scalar_subquery()
+        _J.units_done != _of_job(sa.func.count(), _U.job_id == _J.id, _U.state == tables.RECORDED)
     ),
     "every job has its request": sa.select(_J.id).where(~sa.exists().where(tables.requests.c.job_id == _J.id)),
     "every succeeded job has its result": sa.select(_J.id).where(
@@ -110,11 +110,8 @@ _RULES: dict[str, sa.Select[str]] = {
     ),
     "events are numbered without gaps": sa.select(_J.id).where(
         sa.or_(
-            *(
-                _J.last_event
-                != sa.select(figure).where(tables.events.c.job_id == _J.id).correlate(tables.jobs).scalar_subquery()
-                for figure in (sa.func.count(), sa.func.coalesce(sa.func.max(tables.events.c.sequence), 0))
-            )
+            _J.last_event != _of_job(sa.func.count(), _E.job_id == _J.id),
+            _J.last_event != _of_job(sa.func.coalesce(sa.func.max(_E.sequence), 0), _E.job_id == _J.id),
         )
     ),
 }

@@ -13,6 +13,8 @@ from ...problems import StoreUnavailable
 from . import tables
 from .database import Database, insert, now, reading, writing
 
+_WORKER = tables.workers.c
+
 
 @dataclass(frozen=True, slots=True)
 class WorkerEntry:
@@ -42,16 +44,16 @@ def report_alive(
 
 def list_workers(db: Database) -> list[WorkerEntry]:
     """Every worker that has not said goodbye, also one that has fallen silent; the oldest first."""
-    w = tables.workers.c
-    columns = [w[name] for name in WorkerEntry.__dataclass_fields__]
+    columns = [_WORKER[name] for name in WorkerEntry.__dataclass_fields__]
+    query = sa.select(*columns).order_by(_WORKER.started_at, _WORKER.id)
     with reading(db) as connection:
-        return [WorkerEntry(*row) for row in connection.execute(sa.select(*columns).order_by(w.started_at, w.id))]
+        return [WorkerEntry(*row) for row in connection.execute(query)]
 
 
 def remove_worker(db: Database, worker_id: str) -> None:
     """Forget a worker that ends in order: jobs of its version need not wait until it counts as dead."""
     with writing(db) as connection:
-        connection.execute(sa.delete(tables.workers).where(tables.workers.c.id == worker_id))
+        connection.execute(sa.delete(tables.workers).where(_WORKER.id == worker_id))
 
 
 def versions_at_work(connection: Connection, at: float, fresh_seconds: float) -> set[str]:
@@ -69,10 +71,8 @@ def _bound_silence(at: float, fresh_seconds: float) -> dict[str, float]:
 
 
 # Who was seen in the future spoke while the clock was ahead, and since then perhaps no more
-_SEEN_LATELY = sa.and_(
-    tables.workers.c.seen_at > sa.bindparam("since"), tables.workers.c.seen_at < sa.bindparam("until")
-)
-_VERSIONS = sa.select(tables.workers.c.solver_version).where(_SEEN_LATELY).distinct()
+_SEEN_LATELY = sa.and_(_WORKER.seen_at > sa.bindparam("since"), _WORKER.seen_at < sa.bindparam("until"))
+_VERSIONS = sa.select(_WORKER.solver_version).where(_SEEN_LATELY).distinct()
 _LIVE = sa.select(sa.func.count()).select_from(tables.workers).where(_SEEN_LATELY)
 
 

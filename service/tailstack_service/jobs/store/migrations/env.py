@@ -1,4 +1,4 @@
-"""How Alembic runs these migrations: always over a connection, inside a transaction,."""
+"""How Alembic runs these migrations: always over a connection, inside a transaction."""
 
 from alembic import context
 
