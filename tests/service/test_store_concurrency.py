@@ -163,6 +163,20 @@ def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
         assert wrong(db) == []
 
 
+def test_a_new_file_that_another_is_writing_is_waited_for(tmp_path: Path) -> None:
+    """SQLite itself refuses at once to make the log of such a file."""
+    path = tmp_path / "a.sqlite3"
+    with closing(sqlite3.connect(path, isolation_level=None)) as other, ThreadPoolExecutor(1) as pool:
+        other.execute("BEGIN IMMEDIATE")
+        with closing(sqlite3.connect(path)) as plain, pytest.raises(sqlite3.OperationalError):
+            plain.execute("PRAGMA journal_mode=WAL")
+        migrated = pool.submit(migrate_database, f"sqlite:///{path}")
+        with pytest.raises(TimeoutError):
+            migrated.result(0.1)
+        other.execute("ROLLBACK")
+        assert migrated.result(LIMIT_SECONDS) == (None, HEAD)
+
+
 @pytest.mark.long
 def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"

@@ -13,9 +13,10 @@ import random
 import sqlite3
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeAlias
@@ -292,8 +293,11 @@ def _make_sqlite_engine(url: URL, mode: str, file: DatabaseFile) -> Engine:
     def _configure(connection: Any, record: Any) -> None:
         connection.isolation_level = None  # BEGIN is ours to say
         writes = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=67108864")
+        end = _limit.clock.monotonic() + BUSY_SECONDS
         for pragma in writes if mode == "mode=rw" else ("query_only=ON",):
-            connection.execute(f"PRAGMA {pragma}").close()
+            # Of several that make the log at once, SQLite lets some wait and refuses others at once
+            ask = partial(connection.execute, f"PRAGMA {pragma}")
+            _ask_until_free(ask, lambda: min(_limit.left(), end - _limit.clock.monotonic())).close()
         if mode == "mode=rw":
             try:
                 file.admit(connection)
@@ -324,16 +328,20 @@ def _begin_writing(connection: Connection) -> None:
     """
     connection.exec_driver_sql("PRAGMA busy_timeout=0")
     try:
-        while True:
-            try:
-                connection.exec_driver_sql("BEGIN IMMEDIATE")
-                return
-            except exc.OperationalError as error:
-                if _sqlite_code(error) != sqlite3.SQLITE_BUSY or _limit.left() < 0:
-                    raise
-            _limit.clock.sleep(random.uniform(0.0005, 0.004))
+        _ask_until_free(partial(connection.exec_driver_sql, "BEGIN IMMEDIATE"), _limit.left)
     finally:
         connection.exec_driver_sql(f"PRAGMA busy_timeout={1000 * BUSY_SECONDS:.0f}")
+
+
+def _ask_until_free(ask: Callable[[], Any], left: Callable[[], float]) -> Any:
+    """What is answered once nobody else holds the file, as long as seconds are left."""
+    while True:
+        try:
+            return ask()
+        except (exc.OperationalError, sqlite3.OperationalError) as error:
+            if _sqlite_code(error) != sqlite3.SQLITE_BUSY or left() < 0:
+                raise
+        _limit.clock.sleep(random.uniform(0.0005, 0.004))
 
 
 def _make_postgresql_engine(url: URL, *, read_only: bool = False) -> Engine:
@@ -461,9 +469,9 @@ def _translate_faults(db: Database) -> Iterator[None]:
         raise
 
 
-def _sqlite_code(error: exc.DBAPIError | exc.TimeoutError) -> int | None:
+def _sqlite_code(error: Exception) -> int | None:
     """The primary result code of SQLite; None for what it did not say."""
-    code = getattr(getattr(error, "orig", None), "sqlite_errorcode", None)
+    code = getattr(getattr(error, "orig", error), "sqlite_errorcode", None)
     return None if code is None else int(code) & 0xFF
 
 
