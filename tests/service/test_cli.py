@@ -16,9 +16,13 @@ from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
 from family import SOURCES, run_python
+from tailstack import load_design, verify
+from tailstack.design import list_presets
 from tailstack_service.cli.main import verbs
 from tailstack_service.console.command_line import number, spell_commands, whole
 from tailstack_service.console.remote import DEFAULT_URL
+from tailstack_service.documents import to_json
+from tailstack_service.report.chapters.verification import drawn_by
 from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")
@@ -60,9 +64,11 @@ def test_schemas_are_listed_and_printed(call: Any) -> None:
         code, out, _ = call("schema", name)
         assert code == 0
         assert json.loads(out) == json_schema(name)
-    entries = json_schema("presets")["oneOf"]
+    entries = {entry["const"]: entry["description"] for entry in json_schema("presets")["oneOf"]}
     assert len(entries) >= 4
-    assert all("Source: " in entry["description"] for entry in entries)
+    for preset in list_presets():
+        assert f"Source: {preset['source']}." in entries[preset["name"]]
+        assert entries[preset["name"]].lower().endswith(f"{preset['remark']}.".lower())
 
 
 # --- validate -------------------------------------------------------------------------------------
@@ -166,6 +172,23 @@ def test_verify_answers_in_both_forms_and_the_same_for_any_number_of_threads(cal
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"trials": 2000}, {"precision": 0.1}, {"precision": 0.02, "max_trials": 60_000},
+        {"method": "radial", "trials": 512}, {"method": "radial", "precision": 0.05},
+    ],
+    ids=lambda options: "-".join(options),
+)  # fmt: skip
+def test_a_report_of_a_check_names_the_command_that_draws_the_same(
+    options: dict[str, Any], call: Any, tmp_path: Path
+) -> None:
+    path = write_json(tmp_path / "design.json", small_design())
+    check = verify(load_design(path), seed=3, **options)
+    _, out, _ = call("verify", path, *drawn_by(check).split(), "--json")
+    assert json.loads(out) == json.loads(to_json(check))
+
+
 def test_an_infeasible_limit_is_1_and_explained(call: Any, tmp_path: Path) -> None:
     design = str(write_json(tmp_path / "design.json", limited(0.01)))
     code, out, err = call("optimise", design, "--starts", "1")

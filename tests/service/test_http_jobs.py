@@ -21,10 +21,13 @@ import tailstack_service
 from plain_data import read_cases
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
+from tailstack.errors import Problem, TailstackError
 from tailstack_service.console.remote import RemoteService, ServerSentEvent, read_events
 from tailstack_service.documents import to_json
 from tailstack_service.http.answers import wait_seconds
+from tailstack_service.jobs.store import jobs as stored
 from tailstack_service.operations.rendering import MEDIA_TYPES, render
+from tailstack_service.problems import StoreError, StoreUnavailable
 from tailstack_service.processes.birth import running_code
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
@@ -417,14 +420,14 @@ def test_a_result_as_a_report(client: httpx.Client, form: str, media: str, head:
 
 
 @pytest.mark.long
-def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("error", [StoreUnavailable, StoreError])
+def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(
+    error: type[TailstackError], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not 503: whoever sent it again would have it twice."""
-    from tailstack.errors import Problem
-    from tailstack_service.jobs.store import jobs as stored
-    from tailstack_service.problems import StoreUnavailable
 
     def away(*_: object) -> None:
-        raise StoreUnavailable(Problem("", "store-unavailable", "it stands still"))
+        raise error(Problem("", "store-unavailable", "it stands still"))
 
     body = {"design": small_design(), "trials": 1000}
     with client_with() as client:

@@ -280,7 +280,9 @@ def test_the_order_of_jobs_does_not_depend_on_the_clock(store: Database, clock: 
     for seconds in (0.0, 40 * DAY, -80 * DAY, 0.0, 60.0, 40 * DAY):
         clock.now += seconds
         asked.append(submit(store, b"%d" % len(asked)).id)
-    assert [job.id for job in jobs.list_page(store, "acme", limit=9).jobs] == asked[::-1]
+    page = jobs.list_page(store, "acme", limit=9)
+    assert [job.id for job in page.jobs] == asked[::-1]
+    assert page.at == clock.now
     assert [claim_one(store).job_id for _ in asked] == asked
 
 

@@ -160,9 +160,8 @@ async def list_jobs(request: Request) -> Response:
         hint = "take it from the field next, or from the Link header"
         raise RequestError(Problem("/cursor", "bad-parameter", detail, hint)) from None
     following = "/v1/jobs?" + urlencode({**options, "cursor": page.next}) if page.next else None
-    now = service_of(request).clock.time()
     documents = tuple(
-        job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now), place)
+        job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, page.at), place)
         for job in page.jobs
     )
     link = {"Link": f'<{following}>; rel="next"'} if following else {}

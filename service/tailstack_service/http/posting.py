@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import StreamingResponse
 
-from tailstack.errors import LimitError, Problem
+from tailstack.errors import LimitError, Problem, TailstackError
 
 from ..environment import variable
 from ..jobs.store import jobs as stored
@@ -25,7 +25,7 @@ from ..operations import perform, rendering
 from ..operations.operation import JobRequest, Operation, Pieces, Reception, reading_seconds
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, refuse_query
-from ..problems import MalformedError, StoreUnavailable, TransportError
+from ..problems import MalformedError, TransportError
 from ..processes.birth import running_code
 from ..processes.task import NAMED, RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
@@ -315,7 +315,7 @@ async def _await_end(request: Request, service: Service, job: Job, seconds: floa
             if await request.is_disconnected():
                 break
             look = min(1.3 * look, LONGEST_LOOK)
-            with suppress(StoreUnavailable):  # what was accepted stays accepted, and its address is known
+            with suppress(TailstackError):  # what was accepted stays accepted, and its address is known
                 seen = await service.storage.run(stored.find_job, job.tenant, job.id)
                 job = seen or job
         return job

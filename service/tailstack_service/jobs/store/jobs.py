@@ -57,6 +57,7 @@ class JobsPage:
 
     jobs: tuple[Job, ...]
     next: str | None
+    at: float  # when they were so, by the database's clock, as their own times are
 
 
 _JOB = tables.jobs.c
@@ -136,10 +137,10 @@ def list_page(
     if after is not None:
         query = query.where(_JOB.id < _read_cursor(after))
     with reading(db) as connection:
-        jobs = [_make_job(row) for row in connection.execute(query)]
+        jobs, at = [_make_job(row) for row in connection.execute(query)], now(db, connection)
     shown = tuple(jobs[:limit])
     cursor = base64.urlsafe_b64encode(shown[-1].id.encode()).decode().rstrip("=") if len(jobs) > limit else None
-    return JobsPage(shown, cursor)
+    return JobsPage(shown, cursor, at)
 
 
 def _read_cursor(cursor: str) -> str:

@@ -94,15 +94,11 @@ def _images_sentence(check: Verification) -> str:
 
 def drawn_by(check: Verification) -> str:
     """The options that draw the same trials."""
-    if check.method == "radial":
-        size = f"--trials {check.trials}"
-        if check.precision_requested is not None:
-            size = f"--precision {check.precision_requested:g}"
-        return f"--method radial {size} --seed {check.seed}"
-    if check.precision_requested is not None:
-        most = "" if check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
-        return f"--precision {check.precision_requested:g} --seed {check.seed}{most}"
-    return f"--trials {check.trials} --seed {check.seed}"
+    radial = "--method radial " if check.method == "radial" else ""
+    if check.precision_requested is None:
+        return f"{radial}--trials {check.trials} --seed {check.seed}"
+    most = "" if radial or check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
+    return f"{radial}--precision {check.precision_requested:g} --seed {check.seed}{most}"
 
 
 def sampling_blocks(check: Verification) -> tuple[Block, ...]:
