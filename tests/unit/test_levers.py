@@ -145,8 +145,19 @@ def test_the_worth_of_a_fiducial_is_the_difference_of_scores_and_the_score_witho
     ends = [value([{**first, "position_mm": [x, y, z + step]}, *others]) for step in (-0.1, 0.1)]
     assert worth.slope[2] == pytest.approx((ends[1] - ends[0]) / 0.2, rel=1e-3)
     assert worth.value_without == pytest.approx(value(others), rel=1e-9)
-    mean = load_design({**DEMO, "requirements": [{**DEMO["requirements"][0], "statistic": "mean"}]})
-    assert "derivative is known of a quantile" in weigh_fiducials(mean, score(mean, losses=False))[0].why
+
+
+def test_the_worth_of_a_fiducial_is_that_of_what_decides_whatever_that_is() -> None:
+    """independent: scores of documents without the first bead, of which a mean is limited, and nothing."""
+    rest = {**DEMO["fiducials"], "points": DEMO["fiducials"]["points"][1:]}
+    for requirements in ([{**DEMO["requirements"][0], "statistic": "mean"}], []):
+        data = {**DEMO, "requirements": requirements}
+        del data["optimise"]  # which names the requirement
+        design, without = load_design(data), score(load_design({**data, "fiducials": rest}), losses=False)
+        worth = weigh_fiducials(design, score(design, losses=False))[0]
+        value = without.verdict.checks[0].value if requirements else without.targets[0].p95_mm
+        assert worth.value_without == pytest.approx(value, rel=1e-9)
+        assert ("derivative is known of a quantile" in worth.why) == bool(requirements)
 
 
 def test_the_worth_of_a_fiducial_is_known_of_a_target_that_ends_a_trajectory() -> None:
