@@ -190,7 +190,8 @@ def test_shadows_of_beads_are_kept_apart() -> None:
     ("name", "estimator"), [("motion", "dlt"), ("bounded image field", "dlt"), *((name, "pose") for name in EFFECTS)]
 )
 def test_no_layout_nearby_is_better_than_the_one_that_was_found(name: str, estimator: str) -> None:
-    """brute force: the score of 100 layouts within the box about the optimum, at distances of 0.05 to 5 mm."""
+    """brute force: the score of 30 layouts that keep all rules about the optimum, at distances of 0.05 to 5 mm; where
+    many shadows touch, of the few among 100,000 that do."""
     section = moving(rotation_bounds=None, min_spacing_mm=10.0, min_projected_spacing_px=0.0)
     problem = read_task(load_design(with_effect(name, estimator, **section))).problems[0]
     found = solve_placement(problem, starts=2)
@@ -201,13 +202,14 @@ def test_no_layout_nearby_is_better_than_the_one_that_was_found(name: str, estim
     box = problem.places[0].region
     assert isinstance(box, BoxRegion)
     kept = 0
-    for k in range(100):
-        step = 10 ** rng.uniform(-1.3, 0.7) * rng.normal(size=layout.shape) * (rng.random((8, 1)) < 0.4)
+    for _ in range(100_000):
+        step = 10 ** rng.uniform(-1.3, 0.7) * rng.normal(size=layout.shape) * (rng.random((8, 1)) < rng.uniform())
         moved = np.clip(layout + step, box.low_mm, box.high_mm)
         if pdist(moved).min() > 10.0 and shadows_apart(problem, moved):
-            assert p95_mm(problem, moved) > here * (1 - 1e-5), k
-            kept += 1
-    assert kept > 30
+            assert p95_mm(problem, moved) > here * (1 - 1e-5), kept
+            if (kept := kept + 1) == 30:
+                break
+    assert kept > 3
 
 
 @pytest.mark.long
