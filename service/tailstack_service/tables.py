@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -143,11 +143,11 @@ def read_number(cell: Any) -> float | None:
     return float(cell)
 
 
-def hold_numbers(names: Sequence[str]) -> list[bool]:
-    """Which columns of an answer hold numbers: P95 and the like, and what requirements limit (``value:``), whatever
-    its unit."""
+def hold_numbers(width: int, own: Collection[int], names: Sequence[str]) -> tuple[bool, ...]:
+    """Which columns of an answer hold numbers: of the ``width`` of its table those at ``own``; of what is added P95 and
+    the like, and what requirements limit (``value:``), whatever its unit; the reason behind it is a text."""
     kinds = (name.partition(":")[0] for name in names)
-    return [kind.endswith("_mm") or kind == "value" for kind in kinds]
+    return (*(k in own for k in range(width)), *(kind.endswith("_mm") or kind == "value" for kind in kinds), False)
 
 
 def format_of(name: str) -> Format:

@@ -99,8 +99,7 @@ class TableScores:
     @property
     def numbers(self) -> tuple[bool, ...]:
         """Which columns hold numbers: of what is carried along those alone of which the file says so."""
-        own = {*self.places, *self.table.floating}
-        return (*(k in own for k in range(len(self.table.header))), *hold_numbers(self.batch.names), False)
+        return hold_numbers(len(self.table.header), {*self.places, *self.table.floating}, self.batch.names)
 
     def blocks(self, threads: int | None = None) -> Iterator[list[Column]]:
         """The rows with their answers, in their order, as columns.  Raises RequestError for what is no table."""

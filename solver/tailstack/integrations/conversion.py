@@ -147,8 +147,7 @@ def _place_fiducials(
     file = fiducials.origin
     origin: dict[str, Any] = {} if file is None else {"origin": file.model_dump(mode="json", exclude_unset=True)}
     data["fiducials"] = {"points": points, **origin, **before}
-    if data.get("optimise", {}).get("fixed"):
-        forget_missing_labels(data, set(fiducials.labels))
+    forget_missing_labels(data, set(fiducials.labels))
     notes, guessed = _place_contacts(data, contacts) if contacts else ((), [])
     if seat is not None:
         _hold(data, seat.pivot_mm, features=seat.features)

@@ -43,8 +43,8 @@ def encode(request: dict[str, Any], result: bytes, form: Format, *, first: bool)
     """A unit as lines of CSV or JSON; ``first``: below the header."""
     batch, stream = _batch(request), BytesIO()
     header = (*request["header"], *batch.names, "reason")
-    own = [k in request["places"] for k in range(len(request["header"]))]
-    writer = WRITERS[form](stream, header, (*own, *hold_numbers(batch.names), False))
+    numbers = hold_numbers(len(request["header"]), request["places"], batch.names)
+    writer = WRITERS[form](stream, header, numbers)
     writer.count = 0 if first else 1  # CSV has its header in front of the first row
     unit = json.loads(result)
     span = slice(unit["first"], unit["first"] + len(unit["reasons"]))
