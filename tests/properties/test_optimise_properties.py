@@ -31,6 +31,7 @@ from tailstack.optimisation.search import explore, objective_for_people, search
 from tailstack.optimisation.terms import terms_of
 from tailstack.system import DirectEffect, Law
 
+pytestmark = pytest.mark.long
 LIMIT_MM = 0.7
 FREE = oracle_problem(8, LIMIT_MM)
 
@@ -41,7 +42,6 @@ def _best(problem: PlacementProblem) -> float:
     return objective_for_people(found.program, found.iterates[0].point.objective)
 
 
-@pytest.mark.long
 def test_the_currency_does_not_matter() -> None:
     """property: all prices times 1000 give the same design at 1000 times the cost."""
     problem = oracle_problem(6, LIMIT_MM, places=places_in_box((1, 4)))
@@ -95,7 +95,6 @@ def _times(problem: PlacementProblem, factor: float) -> PlacementProblem:
     )  # fmt: skip
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_the_unit_of_length_does_not_matter(factor: float) -> None:
     """property: a scene ten times as large, limit and all, has the same rotations and a layout ten times as large."""
@@ -107,7 +106,6 @@ def test_the_unit_of_length_does_not_matter(factor: float) -> None:
     np.testing.assert_allclose(second.choice.fiducials_mm, first.choice.fiducials_mm * factor, atol=0.05 * factor)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", ["narrow", "ruled", "some fixed", "mirrored", "kept out"])
 def test_freedom_never_costs(name: str) -> None:
     """property: with a larger box or fewer rules, from the optimum with less freedom or the same starts, no more."""
@@ -131,7 +129,6 @@ def test_freedom_never_costs(name: str) -> None:
     assert more <= less.cost * (1 + 2e-4)  # closed form against exact law, one of them not polished
 
 
-@pytest.mark.long
 def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     """property: start k depends on the seed and on k, not on how many there are."""
     problem = oracle_problem(6, 1.0, places=places_in_box((1, 4)))
@@ -146,7 +143,6 @@ def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     assert searches[2].optima[0].first_start in range(4)
 
 
-@pytest.mark.long
 def test_every_target_keeps_the_limit_and_only_binding_ones_enter() -> None:
     """property: of six targets those that bind are found, and none of the others is left above the limit."""
     problem = fixed_layout(oracle_problem(8, 1.0), cube_fiducials())

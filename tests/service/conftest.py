@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 from browsing import browser
+from copied_sources import copy
 from dask_cluster import dask_cluster
 from editing import editor_tools
 from openapi_scenes import node_tools
@@ -28,6 +29,7 @@ __all__ = [
     "browser",
     "clock",
     "command",
+    "copy",
     "dask_cluster",
     "database_url",
     "editor_tools",

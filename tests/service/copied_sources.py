@@ -7,10 +7,11 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+import pytest
 from service_scenes import ROOT
 
 from family import run_python, started
@@ -61,6 +62,13 @@ def path_of(source: Path) -> str:
 def commands_on(variables: Mapping[str, str]) -> AbstractContextManager[subprocess.Popen[str]]:
     """A process that has the copy of the sources loaded and runs one command after the other."""
     return started(sys.executable, "-c", COMMANDS, stdin=subprocess.PIPE, stderr=None, env=variables)
+
+
+@pytest.fixture(scope="module")
+def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """Commands on the copy whose environment a file of tests gives as ``variables``."""
+    with commands_on(variables) as process:
+        yield process
 
 
 def tailstack(copy: subprocess.Popen[str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:

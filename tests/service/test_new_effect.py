@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import pytest
 import served
 import yaml
 from browsing import used
-from copied_sources import commands_on, copy_sources, meet_matrix, path_of, tailstack
+from copied_sources import copy_sources, meet_matrix, path_of, tailstack
 from service_scenes import ROOT
 
 from family import run_process, run_python
@@ -102,12 +101,6 @@ def designed(folder: Path, **sag: Any) -> Path:
     file = folder / "bent.yaml"
     file.write_text(yaml.safe_dump({**DEMO, "bending": {**SAG, **sag}}), encoding="utf-8")
     return file
-
-
-@pytest.fixture(scope="module")
-def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    with commands_on(variables) as process:
-        yield process
 
 
 def test_it_is_declared_checked_and_doubted(copy: subprocess.Popen[str], tmp_path: Path) -> None:

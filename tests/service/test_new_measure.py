@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import served
 import yaml
-from copied_sources import commands_on, copy_sources, edit, meet_matrix, path_of, refusal, tailstack
+from copied_sources import copy_sources, edit, meet_matrix, path_of, refusal, tailstack
 from page_in_node import in_node
 from service_scenes import ROOT
 
@@ -56,12 +55,6 @@ def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     named = ("import angle, axial", "import angle, axial, axis_angle")
     edit(measures / "__init__.py", (line, f"{line}    axis_angle.MEASURE,\n"), named)
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
-
-
-@pytest.fixture(scope="module")
-def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    with commands_on(variables) as process:
-        yield process
 
 
 def designed(folder: Path, **limit: Any) -> Path:

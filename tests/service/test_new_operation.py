@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import jsonschema
 import pytest
 import served
 import yaml
-from copied_sources import commands_on, copy_sources, edit, path_of, refusal, tailstack
+from copied_sources import copy_sources, edit, path_of, refusal, tailstack
 from service_scenes import ROOT, client_of
 
 TOY = '''"""How far apart the fiducials are."""
@@ -97,12 +96,6 @@ def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     (operations / "spacing.py").write_text(TOY, encoding="utf-8")
     edit(operations / "registry.py", (line, line + '    "spacing": "spacing",\n'))
     return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
-
-
-@pytest.fixture(scope="module")
-def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    with commands_on(variables) as process:
-        yield process
 
 
 DESIGN = ROOT / "examples" / "demo.yaml"

@@ -20,6 +20,7 @@ from service_scenes import EXAMPLES
 from plain_data import value_at
 from tailstack import Design, allocate, load_design, score
 
+pytestmark = pytest.mark.long
 SCRIPT = "limit.mjs"
 
 
@@ -48,7 +49,6 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_the_cheapest_half_widths_follow_the_hand(service: Served, case: str) -> None:
     """Held still, the text is that of the drag, and let go it is one step; undo brings the text back to the letter."""
@@ -77,7 +77,6 @@ def test_the_cheapest_half_widths_follow_the_hand(service: Served, case: str) ->
     assert found["watched"]["messages"] == []
 
 
-@pytest.mark.long
 def test_the_limit_moves_by_keys_and_is_kept_by_a_press(service: Served) -> None:
     """Keys that follow one another are one step; Escape gives up; where the hand cannot go the page says who holds it:
     `independent` by the shares of ``score`` with every free half-width at its least."""
@@ -99,7 +98,6 @@ def test_the_limit_moves_by_keys_and_is_kept_by_a_press(service: Served) -> None
     assert f"as {most.label} has" in found["home"]["words"]
 
 
-@pytest.mark.long
 def test_the_limit_is_dragged_by_a_finger_on_a_small_screen(service: Served) -> None:
     found = used(service.url, "touch", DEMO, script=SCRIPT, to=0.5, width=390, height=844)
     after = found["after"]
@@ -125,7 +123,6 @@ def kept(text: str, pointer: str, requirement: str) -> tuple[float, float]:
     return limit, width
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("by", ["pointer", "finger"])
 def test_the_crossing_of_a_curve_moves_the_limit_and_its_half_width_follows(service: Served, by: str) -> None:
     """Nothing else of the design changes, and let go it is one step."""
@@ -153,7 +150,6 @@ def test_the_crossing_of_a_curve_moves_the_limit_and_its_half_width_follows(serv
     assert 0 < worst(least, "tip-accuracy")[1] - smallest < 0.03
 
 
-@pytest.mark.long
 def test_tables_of_grades_are_not_dragged_and_the_page_says_so(service: Served) -> None:
     text = text_of("tube_carrier")
     found = used(service.url, "barred", text, script=SCRIPT)
@@ -161,7 +157,6 @@ def test_tables_of_grades_are_not_dragged_and_the_page_says_so(service: Served) 
     assert (found["text"], found["asks"], found["disabled"], found["locks"]) == (text, 0, True, 0)
 
 
-@pytest.mark.long
 def test_a_service_that_is_killed_in_a_drag_leaves_no_number_as_current(tmp_path: Path, browser: None) -> None:
     with served(tmp_path) as running, playing(SCRIPT, **asked(running.url, "killed")) as page:
         assert page.said() == "kill"

@@ -17,6 +17,7 @@ from served import Served
 from tailstack import IllPosedError, load_design, score
 from tailstack_service.operations.validation import validate
 
+pytestmark = pytest.mark.long
 STEP_MM = 0.05  # of central differences: they are off by some 1e-6 of themselves
 
 
@@ -57,7 +58,6 @@ class Moved:
         return float(check.value)
 
 
-@pytest.mark.long
 def test_an_image_shows_what_is_there_and_a_bead_that_is_pointed_at_is_marked_everywhere(service: Served) -> None:
     found = drawn(service, "zoom")
     assert found["fit"] > 0.75 > 0.7 > found["whole"]
@@ -72,7 +72,6 @@ def test_an_image_shows_what_is_there_and_a_bead_that_is_pointed_at_is_marked_ev
     assert found["steps"] == 0
 
 
-@pytest.mark.long
 def test_arrows_are_differences_of_scores_and_contours_scores(service: Served) -> None:
     label, of = "F7", Moved(DEMO)
     found = drawn(service, "places", label=label, axe=True)
@@ -105,7 +104,6 @@ def test_arrows_are_differences_of_scores_and_contours_scores(service: Served) -
     assert found["hidden"] == [0, 0]
 
 
-@pytest.mark.long
 def test_what_is_red_is_refused_or_lies_over_another_bead(service: Served) -> None:
     of, found = Moved(DEMO), drawn(service, "places", label="F9")
     red = found["rest"]["refusals"]
@@ -120,7 +118,6 @@ def test_what_is_red_is_refused_or_lies_over_another_bead(service: Served) -> No
         assert said in why
 
 
-@pytest.mark.long
 def test_how_near_the_layout_is_to_the_best_follows_a_drag_without_being_asked_again(service: Served) -> None:
     """independent: the score of the design over its bound, from the command's record."""
     found = drawn(service, "best", label="F1")

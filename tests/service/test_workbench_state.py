@@ -22,6 +22,7 @@ from tailstack.effects.image_field import FieldOfView
 from tailstack.errors import DesignError, TailstackError
 from tailstack_service.cli.main import main
 
+pytestmark = pytest.mark.long
 SCRIPT = "state.mjs"
 THEATRE = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
 
@@ -48,7 +49,6 @@ def with_rotations(value: str) -> str:
 # --- opened -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_the_design_that_is_open_is_opened_again_and_keeps_its_numbers(service: Served) -> None:
     found = seen(service, "again", example=yaml.safe_load(DEMO)["name"])
     for after in found["found"]:
@@ -57,7 +57,6 @@ def test_the_design_that_is_open_is_opened_again_and_keeps_its_numbers(service: 
     assert "is what is open already" in found["words"]
 
 
-@pytest.mark.long
 def test_after_a_link_the_first_edit_and_the_next_file_win(service: Served) -> None:
     tube = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
     found = seen(service, "link", other=tube)
@@ -83,7 +82,6 @@ UNREADABLE = {
 }
 
 
-@pytest.mark.long
 def test_a_text_that_is_no_design_is_explained_however_it_comes(service: Served) -> None:
     for text in UNREADABLE:
         with pytest.raises(TailstackError):
@@ -124,7 +122,6 @@ UNUSUAL = [
 ]
 
 
-@pytest.mark.long
 def test_a_text_is_read_as_by_the_command_and_a_number_that_is_none_refused_before_anything_is_sent(
     service: Served,
 ) -> None:
@@ -152,7 +149,6 @@ def test_a_text_is_read_as_by_the_command_and_a_number_that_is_none_refused_befo
 # --- written ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_a_field_behind_an_alias_changes_by_itself(service: Served) -> None:
     """The text says what the slider showed, one undo brings the old one back, and the other view keeps its field."""
     pointers = [f"views/{view}/image_field/half_widths_px/3" for view in (1, 0)]
@@ -171,7 +167,6 @@ def test_a_field_behind_an_alias_changes_by_itself(service: Served) -> None:
         assert after["text"].count("#") == THEATRE.count("#")
 
 
-@pytest.mark.long
 def test_a_move_changes_one_line_and_a_lost_bead_takes_its_own(service: Served) -> None:
     found = seen(service, "written")
     before, moved, lost = (found[name].splitlines() for name in ("before", "moved", "lost"))
@@ -185,13 +180,11 @@ def test_a_move_changes_one_line_and_a_lost_bead_takes_its_own(service: Served) 
 # --- kept ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_runs_of_two_tabs_are_all_kept(service: Served) -> None:
     found = seen(service, "tabs")
     assert (found["live"], found["removed"], found["third"]) == ([2, 2], 1, 1)
 
 
-@pytest.mark.long
 def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reach(service: Served) -> None:
     found = seen(service, "presses")
     assert found["found"] == [2, 3, 4, 300]
@@ -201,7 +194,6 @@ def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reac
     assert found["undone"] == found["first"] == load_design(DEMO).sha256
 
 
-@pytest.mark.long
 def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_reload_too(service: Served) -> None:
     full, refuses = seen(service, "full")["found"]
     assert full["after"] == full["before"]
@@ -213,7 +205,6 @@ def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_rel
 # --- files, runs, keys --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Path) -> None:
     points = "label,x_mm,y_mm,z_mm\n" + "".join(f"B{k},{20 * k - 50},{(-1) ** k * 25},{7 * k - 60}\n" for k in range(7))
     umlaut = DEMO.replace("drill guide", "Führung", 1)
@@ -273,7 +264,6 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served, tmp_path: Pat
     assert found["away"]["text"] == found["1 images"]["text"]
 
 
-@pytest.mark.long
 def test_a_run_whose_result_is_gone_says_so(service: Served) -> None:
     found = seen(service, "gone")
     assert (found["state"], found["links"]) == ("gone", 0)
