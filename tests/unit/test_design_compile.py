@@ -244,7 +244,7 @@ def test_random_seats_either_hold_or_are_refused(places, directions):
 # closed_form: what is left free by contacts in place of those of the seat; the normals of two pins in one line meet at
 # (-35, 20)
 FREE = {
-    "a missing end stop": ({5: ([5, 40, -60], [0, 1, 0])}, ("1 motion", "translation along x")),
+    "a missing end stop": ({5: ([5, 40, -60], [0, 1, 0])}, ("1 motion of", "translation along x")),
     "pins in one line": (dict.fromkeys((4, 5), ([-50, 20, -70], [1, 0, 0])), ("rotation about z through (-35, 20, ",)),
     "three normals through a point": (
         {3: ([-35, 0, -70], [1, 0, 0]), 4: ([35, 0, -70], [-1, 0, 0]), 5: ([0, -50, -70], [0, 1, 0])},
@@ -252,7 +252,7 @@ FREE = {
     ),
     "three contacts given twice": (
         {k + 3: (POSITIONS[k], NORMALS[k]) for k in range(3)},
-        ("3 motion", "translation along x", "translation along y", "rotation about z"),
+        ("3 motions of", "translation along x", "translation along y", "rotation about z"),
     ),
 }
 

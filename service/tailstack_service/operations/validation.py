@@ -16,7 +16,7 @@ from tailstack.results.verdicts import assumed_sentence
 from ..console.command_line import PASS, Answer, read_design
 from ..console.flags import add_flags
 from ..documents import to_json
-from ..rendering.text import group_findings, visible, wrap
+from ..rendering.text import group_findings, spell_count, visible, wrap
 from .operation import Command, Operation, Options, Size
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
                 continue
             print("\n".join(problems_text(name_stdin(error.problems, name))), file=sys.stderr)
             print(next_command(error, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
-            lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
+            lines.append(f"{name}: not valid, {spell_count(len(error.problems), 'problem')}\n")
     # a document that breaks the rules (2) counts before one that is ill-posed (3)
     return Answer(b"".join(records) if arguments.json else "".join(lines), min(codes, default=PASS))
 

@@ -371,7 +371,8 @@ def torsor_from_locators(
     if values[-1] <= SINGULAR * values[0]:
         free = right[values <= SINGULAR * values[0]]
         motions = [describe_motion(vector[:3] / radius, vector[3:], centre, radius) for vector in _tidy(free)]
-        detail = f"the {held_by} leave {len(motions)} motion(s) of the part free: {'; '.join(motions)}"
+        count = f"{len(motions)} motion{'s' * (len(motions) > 1)}"
+        detail = f"the {held_by} leave {count} of the part free: {'; '.join(motions)}"
         raise IllPosedError(Problem(pointer, "free-motion", detail, HOLDING[held_by]))
     inverse = (right.T / values) @ left.T
     turn, shift = inverse[:3] / radius, inverse[3:]

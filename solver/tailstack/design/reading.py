@@ -671,7 +671,7 @@ def show(value: Any, length: int = 60) -> str:
         return text if len(text) <= length else text[: length - 3] + "..."
     if isinstance(value, Mapping):
         names = ", ".join([str(key)[:20] for key in list(value)[:4]] + (["..."] if len(value) > 4 else []))
-        return f"a mapping with {len(value)} field(s)" + (f" ({names})" if names else "")
+        return f"a mapping with {len(value)} field{'s' * (len(value) != 1)}" + (f" ({names})" if names else "")
     if isinstance(value, list | tuple):
         if not value:
             return "an empty list"

@@ -67,7 +67,8 @@ def refuse(
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
     if dropped > 0:
-        problems.append(Problem("", "and-more", f"{dropped} more problem(s) are not listed", file=source.file))
+        detail = f"not listed: {dropped} more problem{'s' * (dropped > 1)}"
+        problems.append(Problem("", "and-more", detail, "mend those that are listed and ask again", source.file))
     return DesignError(problems)
 
 

@@ -17,6 +17,7 @@ from ...gate.reading import GateError
 from ...gate.request import read_gate
 from ...problems import RefusedAt, RequestError
 from ...processes.task import Outcome, UnitResult
+from ...rendering.text import spell_count
 from ..content import canonical
 from . import verification
 from .parts import Parts
@@ -49,7 +50,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Outcome:
             continue
         if (answer := parts.answer_of(index, step)) is not None:
             checks.append(from_json(Verification, answer))
-    if more := parts.more(f"Monte Carlo checks of {len(scored)} design(s)"):
+    if more := parts.more(f"Monte Carlo checks of {spell_count(len(scored), 'design')}"):
         return more
     return Outcome(answer=to_json(conclude(gate, scored, checks)))
 
