@@ -207,6 +207,12 @@ def test_a_sample_is_scored_brushed_by_typed_numbers_and_one_of_it_taken(service
     assert found["watched"]["messages"] == []
 
 
+def test_an_answer_that_comes_when_nobody_waits_for_it_any_more_is_no_error(service: Served) -> None:
+    found = seen(service, "left")
+    assert found["rest"] >= 2
+    assert found["watched"]["messages"] == []
+
+
 @pytest.mark.long
 def test_a_brush_is_dragged_and_a_line_pressed_and_another_change_makes_all_of_it_grey(service: Served) -> None:
     axis = "structure connector, rx"

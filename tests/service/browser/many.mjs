@@ -1,5 +1,5 @@
 // A thousand designs at once: drawn, scored, brushed, taken.  See tests/service/test_workbench_many.py.
-import { asked, axe, begun, current, downloaded, drawn, faded, newContext, number, part, state, tell, wide } from "./page.mjs";
+import { ASKED_AGAIN, asked, axe, begun, current, downloaded, drawn, faded, newContext, number, part, state, tell, wide } from "./page.mjs";
 
 const scenarios = {}, TITLE = "Many designs at once";
 
@@ -128,6 +128,36 @@ scenarios.killed = async () => {
   await number(page, "F2 x, mm", "31");
   await many.getByText("; stopped").waitFor();
   found.stopped = [await many.locator(".old").count(), await many.locator("progress").count()];
+  return found;
+};
+
+// What is asked and then given up: its answer has begun to come, and is read once nobody waits for it
+scenarios.left = async () => {
+  const context = await newContext();
+  await context.addInitScript(() => {
+    const ask = window.fetch;
+    window.coming = 0;
+    window.fetch = async (where, more) => {
+      const response = await ask(where, more), read = response.json.bind(response), left = more?.signal;
+      if (left) response.json = async () => {
+        window.coming += 1;
+        await new Promise((done) => (left.aborted ? done() : left.addEventListener("abort", done)));
+        return read();
+      };
+      return response;
+    };
+  });
+  const page = await begun(context), coming = (count) => page.waitForFunction((most) => window.coming >= most, count, ASKED_AGAIN);
+  await coming(2); // how near the design is to the best, and its limit
+  await number(page, "F2 x, mm", "31");
+  await current(page);
+  const found = { rest: await page.evaluate(() => window.coming) }, many = await opened(page, 5000);
+  await many.getByRole("button", { name: /^Score \d/ }).click();
+  await coming(found.rest + 2);
+  await number(page, "F2 x, mm", "30");
+  await many.getByText("; stopped").waitFor();
+  await current(page);
+  await drawn(page);
   return found;
 };
 

@@ -126,18 +126,17 @@ async function draw(): Promise<void> {
     for (let k = first; k < first + rows; k += 1) columns.forEach(({ axis, values }) => axis?.place(values[k]).forEach((value, p) => table[pointerOf(axis.paths[p])].push(value)));
     for (;;) {
       const begin = performance.now(), response = await send("POST", "/v1/scores/batch", { design: data, table, columns: [names.length ? "value" : "p95_mm"] }, {}, left.signal).catch(() => null);
+      const answered: { columns: Record<string, Json[]>; why: string } | null = response?.ok ? await response.json().catch(() => null) : null;
       if (left.signal.aborted) return;
-      if (!response || response.status === 503 || response.status === 429) {
-        tell({ state: "waiting", problem: response ? await readRefusal(response) : unreachable() });
+      if (!response || (response.ok && !answered) || response.status === 503 || response.status === 429) {
+        tell({ state: "waiting", problem: response && !response.ok ? await readRefusal(response) : unreachable() });
         await new Promise((done) => window.setTimeout(done, 1000 * Number(response?.headers.get("Retry-After") ?? 0) || AGAIN));
         continue;
       }
-      if (!response.ok) {
+      if (!answered) {
         tell({ state: "stopped", problem: await readRefusal(response), left: null });
         return left.abort();
       }
-      const answered = (await response.json()) as { columns: Record<string, Json[]>; why: string };
-      if (left.signal.aborted) return;
       const own = found.map(({ key }) => Object.entries(answered.columns).filter(([name]) => name.startsWith(`${key}:`)).map(([, values]) => values as (number | null)[])), whys = new Map(state.whys);
       found.forEach(({ values }, c) => { for (let k = 0; k < rows; k += 1) values[first + k] = own[c].every((each) => each[k] !== null) ? Math.max(...own[c].map((each) => each[k]!)) : NaN; });
       for (const why of answered.columns.reason) if (why) whys.set(why, (whys.get(why) ?? 0) + 1);
