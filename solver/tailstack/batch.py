@@ -149,10 +149,9 @@ def score_batch(
 
     table: (n,) numbers by path, ``{"views.*.fiducial_noise_px": [...]}`` or a JSON pointer, in the unit of the field;
     a DataFrame of pandas or polars will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of
-    each target; value, the statistic that each requirement limits; within_limits, whether all of these are; verdict,
-    which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the answer does
-    not depend on them.
-    ``progress(done, total)`` after each block.
+    each target; value, the statistic that each requirement limits; within_limits, whether all of these are known to be;
+    verdict, which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the
+    answer does not depend on them.  ``progress(done, total)`` after each block.
 
     Each number equals that of ``score`` to 1e-9.  A row that cannot be scored keeps its place, with the reason.  Raises
     SweepError for a path that leads to no number, columns of unequal length and values that are no numbers or missing,

@@ -206,7 +206,8 @@ def cure_text(text: str, field: str) -> str:
     if match := _QUANTITY.fullmatch(text):
         number, given = match.groups()
         if not given:
-            return f"{plain}: write {number}"
+            value = float(number)
+            return f"{plain}: write {f'{value:.0f}' if 'e' in number.lower() and value.is_integer() else number}"
         if cure := convert_text(number, given, field):
             return f"{plain}: {cure}"
     return f"{plain}: the unit is in the field's name" if any(map(str.isdigit, text)) else ""

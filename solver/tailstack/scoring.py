@@ -281,6 +281,8 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
         f"in {1 - none:.2%} of shots a fiducial or more is missed, as often as the design says; quantiles, mean of the "
         "worst 5 %, exceedance and verdict are of all shots, budget and risk of each unit of those that miss none"
     )
+    if paired := [metric.measure.words for metric in search.system.derived_metrics if metric.measure.paired]:
+        message += f"; {paired[0]}: of those that miss none, so the estimate decides no limit of it"
     if trust.expected_error_percent is None:
         message += f"; {shots.open_words}: how far the estimate is from a simulation is not known"
     severity: Severity = "note" if trust.expected_error_percent else "warning"
@@ -299,7 +301,8 @@ class ErrorScore:
     model: ErrorModel
     at: ErrorLaw
     limit: float | None
-    search: LossSearch | None = None  # where fiducials are missed
+    search: LossSearch | None = None  # where fiducials are missed, and its law is known of shots that miss some
+    missed: bool = False  # whether fiducials are, by the design
 
     @cached_property
     def summary(self) -> LawReading | LawSummary:
@@ -352,10 +355,10 @@ def _score_metrics(
 
 
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
-    missed = search is not None and system.loss_probability and not MEASURE[error].paired
-    limit = tightest_limit(system, model.site, error)
-    found = ErrorScore(model, error_law(model, error, P95), limit, search if missed else None)
-    if missed:  # first: from which lattices a mixture is read depends on what was asked before
+    missed, limit = bool(system.loss_probability), tightest_limit(system, model.site, error)
+    known = search if missed and not MEASURE[error].paired else None
+    found = ErrorScore(model, error_law(model, error, P95), limit, known, missed)
+    if known is not None:  # first: from which lattices a mixture is read depends on what was asked before
         _ = found.summary
     return found
 
@@ -375,7 +378,7 @@ def _score_measure(error: ErrorScore, site: Site, judged: bool) -> MeasureResult
         cvar95=summary.cvar_mm,
         limit=error.limit,
         exceedance_probability=summary.exceedance,
-        breaches=() if site.corridor_mm is None else _score_breaches(error.at.law, site.corridor_mm),
+        breaches=() if site.corridor_mm is None or error.missed else _score_breaches(error.at.law, site.corridor_mm),
         ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0])), site.is_one_sided)
         if limited
         else None,
@@ -537,19 +540,21 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
         # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
         doubt = 3 * risk.standard_error_mm
         interval = _error_band(max(value - doubt, 0.0), percent)[0], _error_band(value + doubt, percent)[1]
-        if shots is not None:
+        if error.missed:
             interval, why = OPEN, f"no estimate is known of the risk of each {level} where fiducials are missed"
     elif shots is not None:
         value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
     else:
         value = error.read(p).quantile.quantile_mm
         interval = _error_band(value, percent)
-    if shots is not None and measure not in POINTS:
+    if error.missed and measure not in POINTS:
         interval, why = OPEN, f"no estimate is known of {measure.words} where fiducials are missed"
     if error.model.doubt:
         interval = OPEN
         why = f"how far the estimate of {measure.words} is from a simulation is not known: {error.model.doubt}"
     missed = shots is not None and fraction is None
+    if missed and shots is not None and isinf(shots.bound(p)):
+        why += "; the value is that of the shots that are looked at and leave an answer"
     return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
 
 
@@ -573,7 +578,7 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     if doubt or not row.calibrated:
         of = f"the {row.name} of {measure.words}"
         why = f"how far the estimate of {of} is from a simulation is not known" + (doubt and f": {doubt}")
-    elif shots is not None:
+    elif error.missed:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
     percent = error_percent(trust, row.trusted_as(p)) * error.times_apart
     if why or isinf(percent):

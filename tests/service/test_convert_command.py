@@ -92,6 +92,7 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
     beads = tmp_path / "beads.csv"
     beads.write_text("label,x_in,y_in,z_in\nA,1,2,3\n", encoding="utf-8")
     assert "frame is for STEP files" in refused("convert", str(beads), "--frame", "CON", "-o", str(tmp_path / "d.yaml"))
+    assert "would overwrite a file that is read" in refused("convert", str(beads), "-o", str(beads))
     assert main(["convert", str(beads), "-o", str(tmp_path / "d.csv")]) == 0
     assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.19999999999999"
 

@@ -145,6 +145,14 @@ def test_flags_of_a_table_mean_nothing_without_one(refused: Any) -> None:
     assert "known: .csv" in refused("score", DEMO, "--batch", "table.doc")
 
 
+def test_a_table_that_is_read_is_not_written_over(tmp_path: Path, refused: Any) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text("views.*.target_noise_px\n0.3\n", encoding="utf-8")
+    told = refused("score", DEMO, "--batch", str(table), "-o", str(tmp_path / "." / "table.csv"))
+    assert "would overwrite a file that is read hint: give another name" in told
+    assert table.read_text(encoding="utf-8") == "views.*.target_noise_px\n0.3\n"
+
+
 def test_the_page_prints_what_it_says() -> None:
     printed, quoted = run_page("tables", **{"examples/demo.yaml": DEMO})
     assert printed == quoted

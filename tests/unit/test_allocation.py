@@ -216,6 +216,9 @@ REFUSALS: dict[str, tuple[Design, dict[str, Any], str, str]] = {
         example("demo"), {"locked": ["structure_connector", "connector_flange"]}, "not-allocated", "lock fewer",
     ),
     "a limit that is none": (example("demo"), {"limit": -1.0}, "out-of-range", "-1"),
+    "missed fiducials": (
+        example("demo", fiducials__loss_probability=0.02), {}, "not-allocated", "in 22 % of shots a fiducial is missed",
+    ),
     "nothing free": (example("demo", optimise={"box": BOX}), {}, "not-allocated", "free some by bounds"),
 }  # fmt: skip
 

@@ -300,6 +300,22 @@ def test_millimetres_degrees_and_breaches_are_kept_at_once(
     assert own or 0.005 < again.verdict.checks[-1].value < 0.01
 
 
+@pytest.mark.parametrize("limits", [
+    {"statistic": "probability", "limit_mm": 9.0, "limit_probability": 0.5}, {"limit_mm": 9.0},
+    {"limit_mm": 9.0, "risk": "per_mounting", "min_yield": 0.9},
+])  # fmt: skip
+def test_where_fiducials_are_missed_the_estimate_decides_nothing_about_a_corridor(limits: dict[str, Any]) -> None:
+    """Its law is that of the shots that miss none: the others may be all beyond."""
+    design = {**screw(), "requirements": [{"name": "x", "error": "corridor", **limits}]}
+    assert score(load_design(design), losses=False).verdict.status == "pass"
+    found = score(load_design({**design, "fiducials": {**SCREW["fiducials"], "loss_probability": 0.01}}))
+    (check,) = found.verdict.checks
+    assert (check.status, check.interval) == ("inconclusive", (0.0, None))
+    assert "where fiducials are missed" in check.open_because
+    assert found.measures[-1].breaches == ()
+    assert "the radius that the trajectory needs: of those that miss none" in found.verdict.findings[-1].message
+
+
 def test_what_a_corridor_cannot_have_is_refused_or_said() -> None:
     with pytest.raises(DesignError, match="corridor_mm is read only beside entry"):
         load_design(screw(entry=None))

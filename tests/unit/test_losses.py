@@ -328,6 +328,8 @@ def test_where_first_order_cannot_tell_nothing_passes_however_far_the_limit(prob
     for check in found.verdict.checks:
         assert (check.interval[1] is None) == bool(check.open_because)
         assert check.value < inf
+    told = ["the value is that of the shots" in check.open_because for check in found.verdict.checks]
+    assert told == [probability > 0.04, True, True, False]  # that more than are left out are beyond every limit
     stated = [each for each in found.verdict.findings if each.rule == "requirement-inconclusive"]
     assert len(stated) >= 3
     assert all("missed" in each.message or "shots" in each.message or "calibrated" in each.message for each in stated)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,6 +114,13 @@ def writable(name: str, endings: tuple[str, ...]) -> Path:
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
     return path
+
+
+def keep_inputs(output: str, inputs: Iterable[str]) -> None:
+    """Raises RequestError where ``-o`` names a file that is read."""
+    if os.path.realpath(output) in map(os.path.realpath, inputs):
+        detail = f"-o {output} would overwrite a file that is read"
+        raise RequestError(Problem("", "file-exists", detail, "give another name"))
 
 
 def writable_directory(name: str, flag: str) -> Path:

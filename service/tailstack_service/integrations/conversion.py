@@ -20,7 +20,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results.record import Published
 
 from ..console.command_line import Answer, read_design, read_number
-from ..console.files import writable
+from ..console.files import keep_inputs, writable
 from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
 from ..documents import to_json
 from ..first_design import Beads, design_of_beads, design_of_shots
@@ -430,6 +430,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     if "sphere_diameter_mm" in given:
         given |= dict(zip(("sphere_diameter_mm", "sphere_tolerance_mm"), given["sphere_diameter_mm"], strict=True))
     source, *others = map(Path, arguments.design)
+    keep_inputs(arguments.output, arguments.design)
     target = writable(arguments.output, (*FORMATS, *DOCUMENTS))
     base = None if arguments.base is None else read_design(arguments.base)
     options = read_options(FileOptions, given, ())

@@ -22,7 +22,7 @@ from tailstack.people_tables import Rows
 from tailstack.results.batch import ScoredTable
 
 from ..console.command_line import NOT_EVALUATED, PASS, Answer, read_design, whole
-from ..console.files import write_in_place
+from ..console.files import keep_inputs, write_in_place
 from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
 from ..environment import variable
@@ -209,6 +209,8 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     if name == "-" == arguments.design:
         raise RequestError(Problem("", "given-twice", "stdin gives the design or the table, not both", "name a file"))
     form = "csv" if name == "-" else format_of(name)
+    if arguments.output is not None:
+        keep_inputs(arguments.output, (name, arguments.design))
     target = form if arguments.output is None else format_of(arguments.output)
     if arguments.output is None and target not in ("csv", "ndjson"):
         detail = f"a table as {target} is not written to stdout"

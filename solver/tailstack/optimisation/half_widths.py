@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from ..design import Design
+from ..design.compile import loss_probabilities
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
@@ -87,7 +88,7 @@ def allocate(
     limit: of a requirement, in the unit of its measure, in place of the one that the design states; requirement: its
     name, where several are asked for.  locked: half-widths that stay, as CONTRIBUTOR.COMPONENT, or all of a
     CONTRIBUTOR.  To first order, as :func:`tailstack.score`; nothing is simulated.  Raises DesignError (nothing is
-    free, grades, no such requirement or half-width), IllPosedError, NotConvergedError.
+    free, grades, fiducials missed, no such requirement or half-width), IllPosedError, NotConvergedError.
     """
     with locate_refusals(design):
         problem, asked = _read(design, limit, requirement, set(locked))
@@ -119,9 +120,14 @@ def _read(
     if name not in known and (name is not None or (limit is not None and len(known) != 1)):
         asked = f"a limit of {limit:g} is asked for" if name is None else f"the limit of {name!r} is asked for"
         detail = f"{asked}, and the requirements of optimise are {', '.join(known) or 'none'}"
-        raise DesignError(Problem("/requirements", "unknown-requirement", detail, "name one of them"))
+        raise DesignError(Problem("/requirements", "unknown-requirement", detail, "name one of them as requirement"))
     if limit is not None and not 0 < limit < np.inf:
         raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
+    if missed := loss_probabilities(design.document.fiducials, len(request.problem.system.fiducials_mm)):
+        share = 1 - float((1 - np.array(missed)).prod())
+        detail = f"in {100 * share:.2g} % of shots a fiducial is missed, and half-widths alone are found for the others"
+        hint = "tailstack optimise holds its limits against all shots"
+        raise DesignError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))
     name = known[0] if len(known) == 1 else name
     wanted = request.problem.requirements
     if limit is not None:
