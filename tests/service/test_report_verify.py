@@ -407,6 +407,7 @@ def test_exit_codes(files: dict[str, bytes], tmp_path: Path, call: Any, refused:
     assert out.splitlines()[-1] == "differs"
     assert "--seed" in refused("report", "--verify", "--fast", "--seed", "3", page)
     assert "no such file" in refused("report", "--verify", tmp_path / "absent.html")
+    assert "take the HTML, PDF, XLSX or JSON" in refused("report", "--verify", tmp_path / "a.supplier.csv")
 
 
 @pytest.mark.parametrize(

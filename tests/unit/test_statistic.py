@@ -29,9 +29,10 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.simulate import ErrorSample, Samples
 from tailstack.results import Check
 from tailstack.statistic import STATISTIC, STATISTICS, from_quantile
+from tailstack.system import Requirement
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.declared import LawReading, LinearLaw, law_quantile
-from tailstack.verdict import decide
+from tailstack.verdict import conclude, decide, judge
 
 DOCUMENT = EVERY["mean_and_tail"]
 SIGMA, LIMIT, P = 0.3, 0.5, 0.9
@@ -170,6 +171,18 @@ def test_a_simulation_draws_until_a_mean_is_decided(sequential: bool) -> None:
     assert check.status == "pass"
     assert found.trials > 16_384
     assert decide((check.interval[0], check.upper), check.limit) == "pass"
+
+
+def test_what_is_too_close_to_say_is_told_with_what_to_do() -> None:
+    def said(basis: str, **more: Any) -> str:
+        asked = Requirement("tip", "tcp", 0.95, 1.0, 0.95, ("target",), **more)
+        (finding,) = conclude((judge(asked, "target", 0.98, (0.9, 1.1)),), (), basis).findings
+        return finding.message.partition(": too close to say")[2]
+
+    unit = {"risk": "per_unit", "min_yield": 0.9}
+    assert said("first order") == said("first order", **unit) == " by estimate; run `tailstack verify`"
+    assert said("Monte Carlo") == "; ask for more trials or a tighter `--precision`"
+    assert said("Monte Carlo", **unit) == ", and the number of units drawn is fixed; change the limit or the design"
 
 
 def test_where_fiducials_are_missed_the_value_is_of_all_shots_and_a_simulation_decides() -> None:

@@ -249,6 +249,8 @@ def _verify(arguments: argparse.Namespace) -> Answer:
     usual = Effort()
     most = Effort(arguments.max_trials or usual.trials, arguments.starts or usual.starts)
     name, *rest = arguments.sources
+    if name.lower().endswith(".csv"):
+        _refuse("unknown-format", f"{name}: a CSV has no record to verify", "take the HTML, PDF, XLSX or JSON of it")
     if name == "-":
         content, file = sys.stdin.buffer.read(MOST_BYTES + 1), "<stdin>"
     else:

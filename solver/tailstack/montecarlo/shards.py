@@ -158,9 +158,7 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
                 norm_mean[k] = fsum(norms[k]) / answers
     if answers < count:  # a trial without an answer is beyond any limit, not outside the count
         norms = np.concatenate([norms, np.full((metrics, count - answers), inf)], axis=1)
-    above = tuple(
-        0 if limit == inf else int(np.count_nonzero(own > limit)) for own, limit in zip(norms, task.limits, strict=True)
-    )
+    above = tuple(int(np.count_nonzero(own > limit)) for own, limit in zip(norms, task.limits, strict=True))
     moments = (Moments(answers, mean, scatter, norm_mean),)
     floors = (-inf,) * metrics
     lost = outcome.missed, count - answers
