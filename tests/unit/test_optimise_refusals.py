@@ -552,3 +552,9 @@ def test_random_requests_are_answered_by_what_their_hints_ask_for(run_seed: int)
         provoked = random_request(rng)
         if isinstance(refused(deepcopy(provoked)), Problem):
             obey_until_answered(provoked)
+
+
+def test_a_limit_that_a_check_finds_kept_may_be_used_up_as_far_as_before():
+    """Was: held where its value happened to be, a fifth of the limit, named as binding, and the optimum dearer."""
+    aims, ratios, factors = np.array([0.99, 0.98, 0.97]), np.array([0.985, 0.2, 0.98]), np.array([0.99, 1.0, 0.9])
+    np.testing.assert_allclose(tightening.next_aims(aims, ratios, factors), [0.985 * 0.99, 0.98, 0.97 * 0.9])

@@ -89,10 +89,9 @@ def tighten(
             return VerifiedOptimum(own, named, design, check.verification, attempt, survived=check.survived)
         if problem.objective == "quantile":
             raise _explain_miss(optimum, check.checks, problem)
-        aims = np.minimum(aims, optimum.ratios)
-        steps = [_tightening(check.checks[term.demand.subject], attempt) for term in own.terms]
-        steep = [_steepness(problem, term, optimum.choice) for term in search.terms]
-        aims = aims * np.array(steps) ** (1 / np.array(steep))
+        steps = np.array([_tightening(check.checks[term.demand.subject], attempt) for term in own.terms])
+        steep = np.array([_steepness(problem, term, optimum.choice) for term in search.terms])
+        aims = next_aims(aims, np.array(optimum.ratios), steps ** (1 / steep))
     failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
     told = "; ".join(finding.message for finding in failures)
     detail = f"after {MAX_TIGHTENING} rounds of tightening the Monte Carlo check still fails: {told}"
@@ -252,6 +251,15 @@ def first_aims(search: Search, trials: int) -> Array:
     choice = program.split(search.iterates[0].point.x)
     exact = (evaluate_demand(program.problem, term, choice) for term in search.terms)
     return np.array([aim_of(own, term.demand, trials) for own, term in zip(exact, search.terms, strict=True)])
+
+
+def next_aims(aims: Array, ratios: Array, factors: Array) -> Array:
+    """(T,) where below each limit to be next, after a check that asks for factors of it, at most 1, at these ratios.
+
+    What it finds kept may be used up as far as before: else a limit that nothing comes near would be held where the
+    value happens to be, and the optimum kept from what is better.
+    """
+    return np.where(factors < 1, np.minimum(aims, ratios) * factors, aims)
 
 
 def _tightening(check: Check, attempt: int) -> float:
