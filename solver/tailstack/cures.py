@@ -39,6 +39,7 @@ _LENGTH = r"""([-+]?\s*\d*\.?\d+)\s*(mm|in|um|µm|μm|["″”])?"""
 _PAIR = re.compile(rf"\s*(±|\+/-)?\s*{_LENGTH}(?:\s*[\s/;,x×*]\s*{_LENGTH})?\s*")
 _LIMITS = ("height_mm", "hole_mm", "pin_mm")
 _LARGEST_PERCENT = 100.0
+_LARGEST_WHOLE = 1e15  # that is written in digits alone
 _LONGEST_SLIP = 60  # characters; what is longer is no number that somebody typed
 
 
@@ -207,7 +208,8 @@ def cure_text(text: str, field: str) -> str:
         number, given = match.groups()
         if not given:
             value = float(number)
-            return f"{plain}: write {f'{value:.0f}' if 'e' in number.lower() and value.is_integer() else number}"
+            spelt_out = "e" in number.lower() and value.is_integer() and abs(value) < _LARGEST_WHOLE
+            return f"{plain}: write {f'{value:.0f}' if spelt_out else number}"
         if cure := convert_text(number, given, field):
             return f"{plain}: {cure}"
     return f"{plain}: the unit is in the field's name" if any(map(str.isdigit, text)) else ""

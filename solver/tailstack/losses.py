@@ -169,6 +169,11 @@ def _times(levels: Array) -> Array:
     return np.asarray(np.interp(np.log1p(-np.minimum(levels, HIGHEST)), BEYOND, TIMES))
 
 
+def probability_of_none(loss_probability: Sequence[float]) -> float:
+    """Of a shot that misses no fiducial."""
+    return float((1 - np.array(loss_probability)).prod())
+
+
 class LossSearch:
     """The losses of one system, ranked for whatever is asked of its error."""
 
@@ -303,7 +308,7 @@ class LossSearch:
             target=targets[highest],
             smallest_loss_probability=float(probability.min()),
             largest_loss_probability=float(probability.max()),
-            probability_of_none=float((1 - probability).prod()),
+            probability_of_none=probability_of_none(self.system.loss_probability),
             probability_unaccounted=shots[highest].beyond_limits,
         )
 

@@ -23,7 +23,7 @@ from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
 from .laws import Drawn
-from .losses import PAIRS_UP_TO, LossSearch, Shots
+from .losses import PAIRS_UP_TO, LossSearch, Shots, probability_of_none
 from .measures import MEASURE, POINTS
 from .measures.measure import Site
 from .propagation.linear import ErrorModel, LinearModel, chain_of, covariance_block_diagonal, linearise_all, models_of
@@ -276,7 +276,7 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     """That a verdict is of all shots, and where first order cannot say what those with fiducials missed come to."""
     name = max(search.models, key=lambda each: search.shots(each, "tcp", P95).beyond_limits)
     shots = search.shots(name, "tcp", P95)
-    none = float((1 - np.array(search.system.loss_probability)).prod())
+    none = probability_of_none(search.system.loss_probability)
     message = (
         f"in {1 - none:.2%} of shots a fiducial or more is missed, as often as the design says; quantiles, mean of the "
         "worst 5 %, exceedance and verdict are of all shots, budget and risk of each unit of those that miss none"
@@ -301,8 +301,7 @@ class ErrorScore:
     model: ErrorModel
     at: ErrorLaw
     limit: float | None
-    search: LossSearch | None = None  # where fiducials are missed, and its law is known of shots that miss some
-    missed: bool = False  # whether fiducials are, by the design
+    search: LossSearch | None = None  # where fiducials are missed
 
     @cached_property
     def summary(self) -> LawReading | LawSummary:
@@ -326,9 +325,16 @@ class ErrorScore:
         alike = not self.at.worst.signs
         return cache(lambda q: self.at if q == P95 or alike else error_law(self.model, self.at.error, q))
 
+    @property
+    def missed(self) -> bool:
+        """Whether fiducials are, in some shots."""
+        return self.search is not None
+
     def shots(self, quantile: float) -> Shots | None:
-        """All shots, where fiducials are missed in some of them."""
-        return None if self.search is None else self.search.shots(self.model.site, self.at.error, quantile)
+        """All shots, where fiducials are missed in some of them; of two ends no law of these is known."""
+        if self.search is None or MEASURE[self.at.error].paired:
+            return None
+        return self.search.shots(self.model.site, self.at.error, quantile)
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -355,10 +361,9 @@ def _score_metrics(
 
 
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
-    missed, limit = bool(system.loss_probability), tightest_limit(system, model.site, error)
-    known = search if missed and not MEASURE[error].paired else None
-    found = ErrorScore(model, error_law(model, error, P95), limit, known, missed)
-    if known is not None:  # first: from which lattices a mixture is read depends on what was asked before
+    limit = tightest_limit(system, model.site, error)
+    found = ErrorScore(model, error_law(model, error, P95), limit, search if system.loss_probability else None)
+    if found.missed:  # first: from which lattices a mixture is read depends on what was asked before
         _ = found.summary
     return found
 
@@ -552,10 +557,10 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     if error.model.doubt:
         interval = OPEN
         why = f"how far the estimate of {measure.words} is from a simulation is not known: {error.model.doubt}"
-    missed = shots is not None and fraction is None
-    if missed and shots is not None and isinf(shots.bound(p)):
+    pooled = shots if fraction is None else None
+    if pooled is not None and isinf(pooled.bound(p)):
         why += "; the value is that of the shots that are looked at and leave an answer"
-    return judge(requirement, target, value, interval, met, missed=missed, open_because=why)
+    return judge(requirement, target, value, interval, met, missed=pooled is not None, open_because=why)
 
 
 def _check_statistic(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:

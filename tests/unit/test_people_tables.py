@@ -219,6 +219,7 @@ def test_a_tolerance_with_its_sign_is_cured_as_it_is_then_read(text: str) -> Non
     ("0/-0.1", "half_width_mm", "bias -0.05, half-width 0.05"), ("1'234.5", "half_width_mm", "1234.5"),
     ("+0.03 +0.01", "half_width_mm", "bias 0.02, half-width 0.01"), ("1,234", "half_width_mm", "1.234 or 1234"),
     ("0,3", "half_width_mm", "0.3"), ("1e5", "trials", "write 100000"), ("2.5e-7", "x_mm", "write 2.5e-7"),
+    ("1e300", "trials", "write 1e300"),
 ])  # fmt: skip
 def test_cures_of_cells_and_of_values_with_their_tolerance(text: str, field: str, cure: str) -> None:
     assert cure in cure_text(text, field)

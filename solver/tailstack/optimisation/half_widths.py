@@ -18,7 +18,7 @@ from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..losses import without_fiducials
+from ..losses import probability_of_none, without_fiducials
 from ..propagation.linear import Chain, ErrorModel, chain_of
 from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
@@ -124,7 +124,7 @@ def _read(
     if limit is not None and not 0 < limit < np.inf:
         raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
     if missed := loss_probabilities(design.document.fiducials, len(request.problem.system.fiducials_mm)):
-        share = 1 - float((1 - np.array(missed)).prod())
+        share = 1 - probability_of_none(missed)
         detail = f"in {100 * share:.2g} % of shots a fiducial is missed, and half-widths alone are found for the others"
         hint = "tailstack optimise holds its limits against all shots"
         raise DesignError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))

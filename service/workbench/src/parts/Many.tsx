@@ -125,14 +125,16 @@ async function draw(): Promise<void> {
     columns.forEach(({ axis }) => axis?.paths.forEach((path) => (table[pointerOf(path)] = [])));
     for (let k = first; k < first + rows; k += 1) columns.forEach(({ axis, values }) => axis?.place(values[k]).forEach((value, p) => table[pointerOf(axis.paths[p])].push(value)));
     for (;;) {
-      const begin = performance.now(), response = await send("POST", "/v1/scores/batch", { design: data, table, columns: [names.length ? "value" : "p95_mm"] }, {}, left.signal).catch(() => null);
-      const answered: { columns: Record<string, Json[]>; why: string } | null = response?.ok ? await response.json().catch(() => null) : null;
+      const begin = performance.now(), came = await send("POST", "/v1/scores/batch", { design: data, table, columns: [names.length ? "value" : "p95_mm"] }, {}, left.signal)
+        .then(async (response) => ({ response, answered: response.ok ? ((await response.json()) as { columns: Record<string, Json[]>; why: string }) : null }))
+        .catch(() => null); // nobody answers, or no more in the middle of an answer
       if (left.signal.aborted) return;
-      if (!response || (response.ok && !answered) || response.status === 503 || response.status === 429) {
-        tell({ state: "waiting", problem: response && !response.ok ? await readRefusal(response) : unreachable() });
-        await new Promise((done) => window.setTimeout(done, 1000 * Number(response?.headers.get("Retry-After") ?? 0) || AGAIN));
+      if (!came || came.response.status === 503 || came.response.status === 429) {
+        tell({ state: "waiting", problem: came ? await readRefusal(came.response) : unreachable() });
+        await new Promise((done) => window.setTimeout(done, 1000 * Number(came?.response.headers.get("Retry-After") ?? 0) || AGAIN));
         continue;
       }
+      const { response, answered } = came;
       if (!answered) {
         tell({ state: "stopped", problem: await readRefusal(response), left: null });
         return left.abort();
