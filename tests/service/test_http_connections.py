@@ -18,6 +18,7 @@ import pytest
 from service_scenes import check_problem, client_with, read_answer, small_design
 from starlette.requests import Request
 
+from tailstack_service.http import server
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
@@ -128,6 +129,38 @@ def test_what_is_not_http_is_refused(client: httpx.Client, head: bytes) -> None:
         status, _ = read_answer(connection)
     assert status.startswith(b"HTTP/1.1 4"), status
     assert client.get("/health/live").status_code == 200
+
+
+def test_a_refusal_arrives_whole_while_its_sender_goes_on_sending(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A socket that is closed beside unread bytes is reset, and the refusal is lost with it."""
+    monkeypatch.setattr(server, "LAST_SECONDS", LIMIT_SECONDS)
+    with connect(client) as connection:
+        connection.sendall(b"GET /" + b"x" * 70_000)
+        until(lambda: something_came(connection))
+        for _ in range(20):
+            connection.sendall(b"x" * 100_000)
+        status, rest = read_answer(connection)
+        assert status.startswith(b"HTTP/1.1 400 ")
+        assert rest.endswith(b"Invalid HTTP request received.\n")
+        assert connection.recv(1) == b""
+
+
+def test_who_never_stops_sending_after_a_refusal_is_cut_off(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "LAST_SECONDS", 0.1)
+    with connect(client) as connection:
+        connection.sendall(b"NONSENSE\r\n\r\n")
+        assert said_until_closed(connection, b"x").startswith(b"HTTP/1.1 400 ")
+
+        def cut_off() -> bool:
+            with suppress(ConnectionError):
+                return not connection.send(b"x")
+            return True
+
+        until(cut_off)
 
 
 @pytest.mark.parametrize("late", [False, True])

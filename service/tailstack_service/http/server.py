@@ -16,7 +16,9 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
 
+import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 
 from tailstack.errors import Problem
@@ -40,6 +42,7 @@ BACKLOG = 1024
 ANSWER_SECONDS = 8  # for an API process to say that it lives; one that has just been started is busy importing
 GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
+LAST_SECONDS = 2.0  # for what a client still sends that has been told it speaks no HTTP
 GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
 START_LOOK_SECONDS = 0.02  # between looks whether an embedded service has started
 STOP_SECONDS = 9.0  # for a process to end by itself when told to
@@ -98,7 +101,7 @@ def _config(app: Callable[[], FastAPI], settings: Settings) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         factory=True,
-        http="h11",  # strict; httptools takes two Host headers and endless heads, and loses a body beside an upgrade
+        http=_PatientProtocol,
         ws="none",
         lifespan="on",
         log_config=None,
@@ -110,6 +113,31 @@ def _config(app: Callable[[], FastAPI], settings: Settings) -> uvicorn.Config:
         timeout_worker_healthcheck=ANSWER_SECONDS,
         workers=settings.api_processes,
     )
+
+
+class _PatientProtocol(H11Protocol):
+    """HTTP by h11: strict; httptools takes two Host headers and endless heads, and loses a body beside an upgrade.
+
+    What is no HTTP is refused so that its sender reads it: uvicorn closes the connection at once, which resets it while
+    the sender is still sending, and a reset may overtake the refusal.
+    """
+
+    def send_400_response(self, msg: str) -> None:
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):  # half an answer is out
+            self.transport.close()
+            return
+        body = f"{msg}\n".encode()
+        headers = [
+            ("content-type", "text/plain; charset=utf-8"), ("content-length", str(len(body))), ("connection", "close"),
+        ]  # fmt: skip
+        for event in (h11.Response(status_code=400, headers=headers), h11.Data(body), h11.EndOfMessage()):
+            self.transport.write(self.conn.send(event))
+        self.transport.write_eof()
+        self.loop.call_later(LAST_SECONDS, self.transport.close)
+
+    def data_received(self, data: bytes) -> None:
+        if self.conn.their_state is not h11.ERROR:  # what comes after a refusal is read off
+            super().data_received(data)
 
 
 class _Family:
