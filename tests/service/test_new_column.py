@@ -89,6 +89,7 @@ def test_the_page_has_the_column(tmp_path: Path, browser: None) -> None:
         assert len(shown["rows"]) > 5
     assert found["after"]["rows"] != found["before"]["rows"]
     assert f"P95 {found['p95']} mm" in found["after"]["caption"]
+    assert found["watched"]["messages"] == []  # the policy of the page lets no report bring a style along
 
 
 def test_a_field_that_is_renamed_where_it_is_declared_and_computed_is_renamed_in_what_is_published(

@@ -164,6 +164,7 @@ def test_a_key_is_asked_for_in_words_for_whoever_sits_at_the_page_and_kept_in_me
         other = used(running.url, "key", script="state.mjs")
     assert "asks for an API key" in other["asking"]
     assert "does not know this key" in other["wrong"]
+    assert other["strange"] == "A key has no “к” in it: copy it once more"
     assert "Bearer" not in other["asking"] + other["wrong"]
     assert found["sha"] == load_design(EXAMPLES / "demo.yaml").sha256
     assert key not in found["kept"]

@@ -48,6 +48,9 @@ def test_points_of_ones_own_become_the_first_design_that_the_command_makes_of_th
     wanted = yaml.safe_load(design_of_beads(beads))
     wanted["requirements"][0]["limit_mm"] = 1.5
     wanted["assumed"].remove("/requirements/0/limit_mm")  # which was typed
+    assert csv["wrong"][0].startswith("95 % of all errors within: “abc” is not a number in mm")
+    assert "1500 or 1.500" in csv["wrong"][4]
+    assert {csv["wrong"][k] for k in (1, 3, 5)} == {""}  # nothing is begun with another limit than is asked for
     made = yaml.safe_load(csv["text"])
     assert made.pop("name") == "first design of beads.csv"
     del wanted["name"]

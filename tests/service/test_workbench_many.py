@@ -203,6 +203,8 @@ def test_a_sample_is_scored_brushed_by_typed_numbers_and_one_of_it_taken(service
     assert found["p95"] == pytest.approx(score(taken).targets[0].p95_mm, rel=1e-6)
     assert found["p95"] == pytest.approx(rows[0][P95], rel=1e-6)
     assert price(yaml.safe_load(found["text"])) == pytest.approx(rows[0][COST])
+    assert float(found["now"]) == pytest.approx(rows[0][COST], rel=1e-3)  # "Now" is all of one design
+    assert found["axes"][0] == found["axes"][1]
     assert found["axe"] == []
     assert found["watched"]["messages"] == []
 

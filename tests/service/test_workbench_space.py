@@ -168,7 +168,7 @@ def test_beads_pivots_and_beams_are_moved_in_space(service: Served) -> None:
     pivots = [data["execution"]["hand_eye"].pop("pivot_mm") for data in (after, eye)]
     assert np.subtract(pivots[1], pivots[0]) == pytest.approx(shift, abs=0.02)
     assert after == eye
-    assert found["steps"] == [1, 2, 3, 4, 5, 6]  # one for each gesture
+    assert found["steps"] == [1, 2, 3, 4, 5, 6, 7]  # one for each gesture
     along = yaml.safe_load(found["along"])["fiducials"]["points"][moved]["position_mm"]
     assert np.count_nonzero(np.array(along) - points[1][moved]) == 1  # an axis of con
     pivots = [
@@ -184,6 +184,7 @@ def test_beads_pivots_and_beams_are_moved_in_space(service: Served) -> None:
     assert degrees == pytest.approx(round(degrees), abs=1e-4)
     x, y, z = yaml.safe_load(found["tilted"])["views"][0]["beam_direction"]
     assert abs(np.degrees(np.arcsin(z))) == pytest.approx(1, abs=1e-4)
+    assert yaml.safe_load(found["far"])["views"][0]["beam_direction"] != [x, y, z]  # at its source
 
     places = [
         yaml.safe_load(found[name])["fiducials"]["points"][moved]["position_mm"] for name in ("snapped", "stepped")

@@ -185,6 +185,29 @@ def test_runs_of_two_tabs_are_all_kept(service: Served) -> None:
     assert (found["live"], found["removed"], found["third"]) == ([2, 2], 1, 1)
 
 
+def test_a_tab_that_is_duplicated_leaves_the_first_its_design_and_what_was_undone_can_be_done_again(
+    service: Served,
+) -> None:
+    found = seen(service, "twice")
+    assert found["found"] == [["27.25", 1, 3], ["27.25", 1, 3], ["29", 2, 3]]
+    assert found["places"] == 2
+
+
+def test_text_that_is_no_design_yet_stays_until_it_is_one_or_is_left(service: Served) -> None:
+    found = seen(service, "draft")
+    assert found["found"] == [[True, 1]] * 3 + [[False, 0]]
+    assert "27.25" in found["kept"]
+    assert found["shown"].startswith(DEMO.splitlines()[0])
+
+
+def test_what_was_run_is_gone_back_to_with_the_versions_that_were_kept_since(service: Served) -> None:
+    found = seen(service, "back")
+    after = yaml.safe_load(found["after"])
+    (kept,) = after.pop("review")["versions"]
+    assert after == yaml.safe_load(found["before"])
+    assert "27.25" in kept["text"]
+
+
 def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reach(service: Served) -> None:
     found = seen(service, "presses")
     assert found["found"] == [2, 3, 4, 300]

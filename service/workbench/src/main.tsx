@@ -22,7 +22,7 @@ import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { History, Requirements, Verdict } from "./parts/Verdict";
 import { Fold, listed, Tip, WordList } from "./parts/Words";
-import { comments, design, first, gesture, leaveFirst, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { comments, design, draft, first, gesture, leaveFirst, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto")), system = matchMedia("(prefers-color-scheme: dark)"), night = signal(system.matches);
 system.addEventListener("change", () => (night.value = system.matches));
@@ -105,12 +105,15 @@ function KeyWanted() {
   return (
     <form class="problems" onSubmit={(event) => {
       event.preventDefault();
-      key.value = new FormData(event.currentTarget).get("key") as string;
+      const field = event.currentTarget.elements.namedItem("key") as HTMLInputElement, typed = field.value.replace(/[\s\u200b-\u200d\u2060\ufeff]/g, ""), strange = /[^!-~]/u.exec(typed)?.[0];
+      field.setCustomValidity(strange ? `A key has no “${strange}” in it: copy it once more` : typed ? "" : "A key, as whoever runs the service gave it");
+      if (!event.currentTarget.reportValidity()) return;
+      key.value = typed;
       keyWanted.value = false;
       void loadRecent();
       resume();
     }}>
-      <label>This service asks for an API key (it is kept in memory only) <input type="password" name="key" required autoComplete="off" /></label> <button type="submit">Use it</button>
+      <label>This service asks for an API key (it is kept in memory only) <input type="password" name="key" required autoComplete="off" onInput={(event) => event.currentTarget.setCustomValidity("")} /></label> <button type="submit">Use it</button>
     </form>
   );
 }
@@ -146,7 +149,7 @@ function Workbench() {
           <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={shownComment.value ?? unsettled.value > 0}><Comments /></Part>
           <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
-          <Part title="As text" summoned={shownPointer.value !== null}><Editor /></Part>
+          <Part title="As text" open={draft.value !== ""} summoned={shownPointer.value !== null}><Editor /></Part>
           <Part title="Other designs"><Gallery /></Part>
           <Part title="What each lever can reach" open paper><section aria-label="Levers"><Levers /></section></Part>
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
@@ -272,7 +275,7 @@ async function fromLink(): Promise<void> {
 }
 
 async function begin(): Promise<void> {
-  restore();
+  await restore();
   await fromLink();
   render(<Page />, document.getElementById("page")!);
   resume();

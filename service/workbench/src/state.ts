@@ -55,6 +55,10 @@ export const pointed = signal<string | null>(null); // of the one that the point
 export const opened = signal(0); // designs opened so far: what was found of one says nothing of the next
 export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text
 export const savedSteps = signal(true);
+/** What is typed under "As text" and is no YAML yet: it stays there, whatever becomes of the design meanwhile. */
+const DRAFT = "tailstack.workbench.draft";
+export const draft = signal(recall(DRAFT, "", () => sessionStorage));
+effect(() => void remember(DRAFT, draft.value, () => sessionStorage));
 
 export const text = computed(() => steps.value[position.value]?.text ?? "");
 const parsed = computed(() => parse(text.value));
@@ -210,9 +214,24 @@ export function shareList<T extends object>(key: string, name: keyof T, texts: (
 
 // Each tab has its own place for the design, and a new tab begins with what was saved last.
 const session = () => sessionStorage;
-const tab = recall(TAB, `${Date.now()}-${Math.random()}`, session);
-remember(TAB, tab, session);
-const OWN = `${AUTOSAVE}.${tab}`;
+let own = ""; // the key of this tab's place
+const LEAVING = 300; // ms in which a page that is loaded anew has left its place
+
+/** Take a place that no other tab has: one that was duplicated begins with the name of its first, and would write over it. */
+async function claim(): Promise<void> {
+  const { locks } = navigator as { locks?: LockManager }; // none where the page came without encryption from another machine
+  const held = async (place: string) => !locks || new Promise<boolean>((tell) => void locks.request(place, { signal: AbortSignal.timeout(LEAVING) }, () => {
+    tell(true);
+    return new Promise(() => null); // for as long as the page is there
+  }).catch(() => tell(false)));
+  const fresh = () => `${Date.now()}-${Math.random()}`, place = (tab: string) => `${AUTOSAVE}.${tab}`;
+  let tab = recall(TAB, fresh(), session);
+  if (!(await held(place(tab)))) await held(place((tab = fresh())));
+  remember(TAB, tab, session);
+  own = place(tab);
+  const open = new Set((await locks?.query().catch(() => null))?.held?.map(({ name }) => name));
+  for (const key of savedTabs().filter((each) => !open.has(each)).slice(8)) localStorage.removeItem(key);
+}
 
 interface Kept {
   steps: Step[];
@@ -223,11 +242,13 @@ interface Kept {
 function autosave(): void {
   const done = steps.value.slice(0, position.value + 1), now = done[position.value];
   if (!now) return;
-  const keep = (some: Step[], storage?: () => Storage) => remember(OWN, { steps: some, position: some.length - 1, at: Date.now() } satisfies Kept, storage);
-  for (const key of savedTabs().slice(8)) localStorage.removeItem(key);
-  savedSteps.value = keep(fitting(done, MOST_SAVED)) || keep(done.length > 1 ? [done[0], now] : [now]);
-  if (!savedSteps.value) keep([now], session); // it outlives a reload, not the tab
-  else if (recall(OWN, null, session)) sessionStorage.removeItem(OWN);
+  const keep = (some: Step[], undone: Step[] = [], storage?: () => Storage) => remember(own, { steps: [...some, ...undone], position: some.length - 1, at: Date.now() } satisfies Kept, storage);
+  const some = fitting(done, MOST_SAVED);
+  let room = MOST_SAVED - some.reduce((sum, { text: one }) => sum + one.length, 0);
+  const undone = steps.value.slice(position.value + 1).filter(({ text: one }) => (room -= one.length) > 0);
+  savedSteps.value = keep(some, undone) || keep(done.length > 1 ? [done[0], now] : [now]);
+  if (!savedSteps.value) keep([now], [], session); // it outlives a reload, not the tab
+  else if (recall(own, null, session)) sessionStorage.removeItem(own);
 }
 
 /** Where designs of tabs are saved, newest first. */
@@ -243,8 +264,10 @@ function savedUnder(begin: string): string[] {
 }
 
 /** What was last on this page, in this tab or another; false where nothing was. */
-export function restore(): boolean {
-  const places = [recall(OWN, null, session), ...[OWN, ...savedTabs()].map((key) => recall(key, null))] as (Kept | null)[];
+export async function restore(): Promise<boolean> {
+  const before = `${AUTOSAVE}.${recall(TAB, "", session)}`;
+  await claim();
+  const places = [recall(before, null, session), ...[before, ...savedTabs()].map((key) => recall(key, null))] as (Kept | null)[];
   for (const kept of places) {
     const sound = Array.isArray(kept?.steps) ? kept.steps.filter((step) => typeof step?.text === "string" && typeof step.what === "string") : [];
     if (!sound.length) continue;
@@ -288,9 +311,15 @@ export function removeVersion(name: string): void {
   autosave();
 }
 
-/** A version is the design again; versions and comments stay. */
-export function takeVersion({ name, text: source }: Version): void {
-  commit(writeEdits(source, [{ path: ["review"], value: whole.value.review }]).text, `Version ${name}`);
+/** Another state of this design is the design again; versions and comments stay. */
+export function takeState(source: string, what: string): void {
+  commit(writeEdits(source, [{ path: ["review"], value: whole.value.review }]).text, what);
+}
+
+/** What was run is the design again: a state of this one, or another design. */
+export function takeRun(source: string, what: string): void {
+  if (whole.value && parse(source).data?.name === whole.value.name) takeState(source, what);
+  else open(source, what);
 }
 
 /** Another list of a review; without any, there is no review. */

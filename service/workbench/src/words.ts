@@ -46,11 +46,21 @@ export const percent = (share: number | null | undefined, digits = 1): string =>
 export const brief = (value: number | null | undefined): string =>
   value === null || value === undefined ? "–" : String(Number(value.toPrecision(4))).replace("-", "−");
 
-/** What is typed as a number: a comma or a point, a minus of either kind, and the unit of the field; null for anything else. */
+const EITHER = /^[-+−]?[1-9]\d{0,2},\d{3}$/; // thousands to some, thousandths to others
+
+/** What is typed as a number: a comma or a point, a minus of either kind, and the unit of the field; null for anything else,
+ * what may be a thousand times another too. */
 export function readNumber(typed: string, unit = ""): number | null {
-  let words = typed.trim().replace("−", "-").replace(",", ".");
+  let words = typed.trim();
   if (unit && words.endsWith(unit)) words = words.slice(0, -unit.length).trimEnd();
-  return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(words) ? Number(words) : null;
+  const number = Number(words.replace("−", "-").replace(",", "."));
+  return /^[-+−]?(\d+[.,]?\d*|[.,]\d+)(e[-+−]?\d+)?$/i.test(words) && !EITHER.test(words) && Number.isFinite(number) ? number : null;
+}
+
+/** Why what is typed is no number. */
+export function whyNoNumber(typed: string, unit = ""): string {
+  const words = typed.trim();
+  return EITHER.test(words.replace(/[^\d,]+$/, "")) ? `“${words}” may be ${words.replace(",", "")} or ${words.replace(",", ".")}: write one of them` : `“${words}” is not a number${unit ? ` in ${unit}` : ""}`;
 }
 
 export const duration = (seconds: number): string =>

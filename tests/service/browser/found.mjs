@@ -99,7 +99,7 @@ scenarios.features = async () => {
 
 // A design without a requirement gets one under all fields, a second, and loses it; another gets one by the strip
 scenarios.grow = async () => {
-  const page = await begun(await newContext()), found = [], all = await part(page, "All fields");
+  const page = await begun(await newContext()), found = [], all = await part(page, "All fields"), fields = [];
   const look = async () => { await sha(page); found.push((await state(page)).score.verdict.checks.map(({ requirement, limit }) => [requirement, limit])); };
   await look();
   await all.getByLabel("Add a field to the design").selectOption("requirements");
@@ -109,6 +109,8 @@ scenarios.grow = async () => {
   await look();
   for (const k of [1, 0]) {
     await all.locator("details details > summary").nth(k).click();
+    await all.getByLabel("limit_mm").first().waitFor();
+    fields.push(await all.innerText());
     await all.getByRole("button", { name: `Remove requirements ${k}`, exact: true }).click();
   }
   await look();
@@ -117,7 +119,7 @@ scenarios.grow = async () => {
   for (let k = 0; k < 6; k += 1) await page.keyboard.press("Control+z");
   await page.getByRole("button", { name: "State a limit" }).click();
   await look();
-  return { found };
+  return { found, fields };
 };
 
 // Pictures at 1280 x 800: the size of their words, and what Enlarge does; a phone after a card far below was pressed

@@ -13,7 +13,14 @@ scenarios.doors = async () => {
     const page = await open(await newContext(), asked.url, false), arms = page.getByLabel("C-arm");
     await page.waitForFunction(() => document.querySelectorAll(".own option").length > 2);
     if (arm) await arms.selectOption(arm);
-    await page.getByLabel("95 % of all errors within, mm").fill("1,5");
+    const limit = page.getByLabel("95 % of all errors within, mm"), wrong = [];
+    for (const typed of ["abc", "1e400", "1,500"]) {
+      await limit.fill(typed);
+      await drop(page, file.name, file.text);
+      await page.locator(".message", { hasText: typed }).waitFor();
+      wrong.push(await page.locator(".message").innerText(), (await state(page)).text);
+    }
+    await limit.fill("1,5");
     await drop(page, file.name, file.text);
     await current(page);
     const { text, score } = await state(page), words = await page.locator(".message").innerText();
@@ -25,7 +32,7 @@ scenarios.doors = async () => {
     await page.keyboard.press("Control+z"); // and is not
     await current(page);
     rests.push(await page.locator(".rests").innerText());
-    found.push({ text, status: score.verdict.status, words, rests, arms: arm });
+    found.push({ text, status: score.verdict.status, words, rests, arms: arm, wrong });
     await page.close();
   }
   return { found };

@@ -33,11 +33,14 @@ scenarios.typed = async () => {
   await many.getByRole("button", { name: "cost", exact: true }).focus();
   await page.keyboard.press("Enter");
   found.sorted = await many.locator("th[aria-sort]").getAttribute("aria-sort");
-  const before = await state(page);
+  const before = await state(page), names = () => many.getByRole("region", { name: "Axes", exact: true }).locator("tbody th").allInnerTexts();
+  found.axes = [await names()];
   await many.getByRole("button", { name: /^Take \d/ }).first().press("Enter");
   await current(page);
   const after = await state(page);
   Object.assign(found, { steps: after.steps - before.steps, text: after.text, p95: after.score.targets[0].p95_mm, present: await many.locator("path.present").count(), old: await many.locator(".old").count() });
+  found.axes.push(await names());
+  found.now = await many.getByRole("region", { name: "Axes", exact: true }).locator("tr", { hasText: "cost" }).locator("td").first().innerText();
   await faded(page);
   if (asked.axe) found.axe = await axe(page);
   await page.keyboard.press("Control+z");

@@ -54,6 +54,11 @@ scenarios.space = async () => {
   await current(page);
   found.tilted = await text(page);
   await count();
+  await page.getByRole("button", { name: "Whole set-up" }).click();
+  await drag(page, await find(page, "beam of AP"), [-25, -10]);
+  found.far = await text(page);
+  await count();
+  await page.getByRole("button", { name: "Structure", exact: true }).click();
   await drop(page, "carrier.stl", Buffer.from(asked.stl, "base64"));
   await page.locator(".surface").waitFor();
   await drawn(page);

@@ -169,6 +169,71 @@ scenarios.tabs = async () => {
   return { live, removed: await runs(first), third: await runs(third) };
 };
 
+// A tab that is duplicated, which begins with all that the first keeps for itself; then both are loaded anew
+scenarios.twice = async () => {
+  const context = await newContext(), first = await begun(context), found = [];
+  await number(first, "F2 x, mm", "27.25");
+  await number(first, "F2 x, mm", "27.5");
+  await sha(first);
+  await first.keyboard.press("Control+z");
+  await sha(first);
+  const own = await first.evaluate(() => ({ ...sessionStorage })), second = await context.newPage();
+  await second.addInitScript((kept) => { if (!sessionStorage.length) Object.assign(sessionStorage, kept); }, own);
+  await second.goto(asked.url);
+  await current(second);
+  const read = async (page) => found.push([await page.getByLabel("F2 x, mm", { exact: true }).inputValue(), (await state(page)).position, (await state(page)).steps]);
+  await read(second);
+  await number(second, "F2 x, mm", "29");
+  await sha(second);
+  for (const page of [first, second]) {
+    await page.reload();
+    await current(page);
+    await read(page);
+  }
+  return { found, places: await first.evaluate(() => Object.keys(localStorage).filter((key) => key.startsWith("tailstack.workbench.design.")).length) };
+};
+
+// Text that is no design yet, while the design goes on by other means
+scenarios.draft = async () => {
+  const page = await begun(await newContext()), typed = "half: [1, 2", lines = page.locator(".editor .cm-content"), found = [];
+  const look = async () => found.push([(await lines.innerText()).startsWith(typed), await page.getByText("This text is no design yet").count()]);
+  const text = await part(page, "As text");
+  await lines.click();
+  await page.keyboard.press("Control+Home");
+  await page.keyboard.insertText(`${typed}\n`);
+  await page.getByText("This text is no design yet").waitFor();
+  await number(page, "F2 x, mm", "27.25");
+  await sha(page);
+  await look();
+  await text.locator("summary").first().click();
+  await text.locator("summary").first().click();
+  await lines.waitFor();
+  await look();
+  await page.reload();
+  await current(page);
+  await lines.waitFor();
+  await look();
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  await page.getByRole("button", { name: "Leave it for the design's text" }).click();
+  await look();
+  const { text: kept } = await state(page);
+  return { found, kept, shown: await lines.innerText() };
+};
+
+// What was run before is gone back to, after a version was kept
+scenarios.back = async () => {
+  const page = await begun(await newContext()), before = (await state(page)).text;
+  await part(page, "Run");
+  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+  await page.locator(".runs > li").first().waitFor();
+  await number(page, "F2 x, mm", "27.25");
+  await sha(page);
+  await (await part(page, "Versions")).getByRole("button", { name: "Keep this design as a version" }).click();
+  await page.getByRole("button", { name: "Back to that design" }).click();
+  await sha(page);
+  return { before, after: (await state(page)).text };
+};
+
 // A key that is held, many presses, and how far back undo reaches
 scenarios.presses = async () => {
   const page = await begun(await newContext()), first = await sha(page), found = [];
@@ -270,12 +335,15 @@ scenarios.key = async () => {
   await take(page, asked.design);
   await field.waitFor();
   await page.getByText("asks for an API key").first().waitFor();
-  const asking = await page.locator("#page").innerText();
-  await field.fill("not a key");
-  await page.getByRole("button", { name: "Use it" }).click();
+  const asking = await page.locator("#page").innerText(), use = page.getByRole("button", { name: "Use it" });
+  await field.fill("ключ");
+  await use.click();
+  const strange = await field.evaluate((node) => node.validationMessage);
+  await field.fill("\u200b not a key\n");
+  await use.click();
   await page.getByText("does not know this key").first().waitFor();
   if (asked.shot) await page.screenshot({ path: asked.shot });
-  return { asking, wrong: await page.locator("#page").innerText() };
+  return { asking, strange, wrong: await page.locator("#page").innerText() };
 };
 
 // Bytes of the text that a move of a bead changes

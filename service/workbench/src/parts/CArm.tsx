@@ -4,7 +4,7 @@ import { computed, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { key, send } from "../api";
 import { type CArm, type Lengths, startLengths, type Wishes } from "../first";
-import { readNumber } from "../words";
+import { readNumber, whyNoNumber } from "../words";
 
 const OWN = "", START = "generic-mobile-c-arm";
 const cArms = signal<CArm[]>([]), chosen = signal(START), limit = signal(1); // mm
@@ -24,15 +24,25 @@ async function load(): Promise<void> {
   if (response?.ok) cArms.value = (await response.json()).presets;
 }
 
+/** Why what is typed in a field here cannot be taken, by the field's words. */
+const wrong = signal<ReadonlyMap<string, string>>(new Map());
+/** What is to be mended before anything begins. */
+export const unread = computed(() => [...wrong.value].map(([words, why]) => `${words}: ${why}`)[0] ?? null);
+
 function Length({ words, unit, value, take }: { words: string; unit: string; value: string; take: (value: number) => void }) {
+  const why = wrong.value.get(words), tell = (told: string | null) => (wrong.value = new Map([...[...wrong.peek()].filter(([own]) => own !== words), ...(told ? [[words, told] as const] : [])]));
+  useEffect(() => () => void tell(null), []);
   return (
-    <label>{`${words}, ${unit} `}
-      <input type="text" inputMode="decimal" size={6} defaultValue={value} onInput={(event) => {
-        const read = readNumber(event.currentTarget.value, unit), good = read !== null && read > 0;
-        event.currentTarget.setAttribute("aria-invalid", String(!good));
-        if (good) take(read);
-      }} />
-    </label>
+    <>
+      <label>{`${words}, ${unit} `}
+        <input type="text" inputMode="decimal" size={6} defaultValue={value} aria-invalid={why !== undefined} onInput={({ currentTarget: { value: typed } }) => {
+          const read = readNumber(typed, unit), good = read !== null && read > 0;
+          tell(good ? null : read === null ? whyNoNumber(typed, unit) : "it must be above 0");
+          if (good) take(read);
+        }} />
+      </label>
+      {why && <span class="wrong" role="alert">{why}</span>}
+    </>
   );
 }
 

@@ -8,7 +8,7 @@ import { gradesOf, type Line, placeOf } from "../advice";
 import { answer, askWhenQuiet, budgetOf, current, late, openTables, readRefusal, type Refusal, refused, type Score, send, type TargetScore, targetNames, turnTable, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, comments, design, edit, finishGesture, gesture, type Json, opened, type Path, pointerOf, PRESSES, preview, valueAt } from "../state";
-import type { HalfWidth as Slide } from "../sample";
+import type { HalfWidth } from "../sample";
 import { before, decimals, decisive, estimated, type Joined, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
@@ -27,6 +27,11 @@ const SLACK = "Slack to the limit", SHARES = "Shares at every target";
 
 // --- half-widths that can be slid ------------------------------------------------------------------------------------
 
+interface Slide extends HalfWidth {
+  of: string; // the contributor
+  what: string; // of it
+}
+
 /** Every half-width and standard deviation of the design, wherever it stands. */
 export function slides(data: Json): Slide[] {
   const found: Slide[] = [];
@@ -36,9 +41,9 @@ export function slides(data: Json): Slide[] {
       const at = [...path, Array.isArray(part) ? Number(name) : name];
       if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
         const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
-        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K") });
+        found.push({ path: at, ...named([...words, ...what]), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K") });
       } else if (name === "half_widths_px" && Array.isArray(value)) {
-        value.forEach((_, degree) => found.push({ path: [...at, degree], label: [...words, `field of degree ${degree}`].join(", "), unit: "px" }));
+        value.forEach((_, degree) => found.push({ path: [...at, degree], ...named([...words, `field of degree ${degree}`]), unit: "px" }));
       } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {
         const item = Array.isArray(part) ? (value as Json).name ?? (value as Json).label ?? name : (value as Json).label ? `${name.replace(/_/g, " ")} (${(value as Json).label})` : name.replace(/_/g, " ");
         visit(value, at, name === "tolerances" || name === "interfaces" ? words : [...words, item]);
@@ -49,6 +54,8 @@ export function slides(data: Json): Slide[] {
   for (const part of [...first, ...others].filter((name) => name !== "optimise" && name !== "requirements")) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
   return found;
 }
+
+const named = (words: string[]) => ({ label: words.join(", "), of: words[0], what: words[words.length - 1] });
 
 type Range = [number, number];
 /** Of the slider, in the field's unit; what is typed may be beyond. */
@@ -97,7 +104,7 @@ function familiesOf(data: Json, scored: Json, target: TargetScore | undefined): 
     if (line.component === "all" || known) Object.assign(family, { line, slide });
     else family.parts.push({ name: line.component, line, slide });
   }
-  for (const slide of free.values()) familyOf(sourceOf(data, slide.path), slide.label.split(", ")[0]).parts.push({ name: slide.label.split(", ").slice(-1)[0], slide });
+  for (const slide of free.values()) familyOf(sourceOf(data, slide.path), slide.of).parts.push({ name: slide.what, slide });
   return [...found.values()].map((family) => (family.line || family.parts.length > 1 ? family : { ...family, ...family.parts[0], name: family.name, parts: [] }));
 }
 
@@ -306,7 +313,7 @@ effect(() => {
     const response = await send("POST", "/v1/scores", { design: sent }, { Accept: "text/html" }, left).catch(() => null);
     if (left.aborted) return;
     const problem = response?.ok ? null : response ? await readRefusal(response) : unreachable();
-    const page = new DOMParser().parseFromString(problem ? "" : await response!.text(), "text/html");
+    const page = new DOMParser().parseFromString(problem ? "" : (await response!.text()).replace(/<style>.*?<\/style>/s, ""), "text/html");
     const section = [...page.querySelectorAll("section")].find((part) => part.querySelector("h2")?.textContent?.endsWith(" Budget"));
     figures.value = { design: sent, tables: [...(section?.querySelectorAll(".scroll:has(table)") ?? [])], problem };
   });

@@ -3,7 +3,7 @@
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { adding, type Bead, beads, toggle } from "../beads";
 import { design, edit, type Json, type Path, picked, pointed, selected, valueAt } from "../state";
-import { readNumber } from "../words";
+import { readNumber, whyNoNumber } from "../words";
 import { Pin } from "./Pin";
 
 /** Show a value in a field, unless something else is just being typed there. */
@@ -40,7 +40,7 @@ export function NumberField({ path, label, unit, what, hidden = false }: { path:
       <input ref={field} type="text" inputMode="decimal" data-pointer={path.join("/")} onBlur={take} aria-invalid={wrong !== null} onInput={() => setWrong(null)}
         onKeyDown={(event) => { if (event.key === "Enter") take(); else if (event.key === "Escape") { event.currentTarget.value = String(value ?? ""); event.currentTarget.blur(); } }} />
     </label>
-    {wrong !== null && <span class="wrong" role="alert">{`“${wrong.trim()}” is not a number${unit ? ` in ${unit}` : ""}; the design has ${value}`}</span>}
+    {wrong !== null && <span class="wrong" role="alert">{`${whyNoNumber(wrong, unit)}; the design has ${value}`}</span>}
     </>
   );
 }
@@ -97,12 +97,16 @@ export function Beads() {
 
 /** The unit at the end of a field's name. */
 export const UNIT = /_(mm|deg|px|n|k|mm_per_n|rel)$/;
+/** That of the value at a path, of a list's item too. */
+export const unitOf = (path: Path): string => UNIT.exec(String(path.filter((part) => typeof part === "string").pop()))?.[1].replace("deg", "°") ?? "";
+
+const MOST_TARGETS = 12; // that have fields here
 
 export function Geometry() {
   const data = design.value, views: Json[] = Array.isArray(data?.views) ? data.views : [];
   const numbers = (part: Json, path: Path, skip: RegExp): { path: Path; label: string; unit: string }[] =>
     Object.entries(part ?? {}).flatMap(([name, value]) => {
-      const unit = UNIT.exec(name)?.[1].replace("deg", "°") ?? "", label = name.replace(UNIT, "").replace(/_/g, " ");
+      const unit = unitOf([name]), label = name.replace(UNIT, "").replace(/_/g, " ");
       if (skip.test(name)) return [];
       if (typeof value === "number") return [{ path: [...path, name], label, unit }];
       if (Array.isArray(value) && value.length === 3 && value.every((v) => typeof v === "number")) {
@@ -113,7 +117,7 @@ export function Geometry() {
   const groups = [
     ...views.map((view, k) => ({ name: `View ${view?.name ?? k + 1}`, fields: numbers(view, ["views", k], /noise/) })),
     ...Object.entries(data?.interfaces ?? {}).map(([name, part]) => ({ name: name.replace(/_/g, " to "), fields: [...numbers(part, ["interfaces", name], /^$/), ...numbers((part as Json)?.bias, ["interfaces", name, "bias"], /^$/).map((f) => ({ ...f, label: `known bias ${f.label}` }))] })),
-    ...(Array.isArray(data?.targets) ? data.targets.slice(0, 12).map((target: Json, k: number) => ({ name: `Target ${target?.name ?? k + 1}`, fields: numbers(target, ["targets", k], /^$/) })) : []),
+    ...(Array.isArray(data?.targets) ? data.targets.slice(0, MOST_TARGETS).map((target: Json, k: number) => ({ name: `Target ${target?.name ?? k + 1}`, fields: numbers(target, ["targets", k], /^$/) })) : []),
     ...(Array.isArray(data?.requirements) ? data.requirements.map((r: Json, k: number) => ({ name: `Requirement ${r?.name ?? k + 1}`, fields: numbers(r, ["requirements", k], /^$/) })) : []),
   ];
   return (
@@ -124,6 +128,7 @@ export function Geometry() {
           {group.fields.map((field: { path: Path; label: string; unit: string }) => <NumberField key={field.path.join("/")} {...field} what={`${group.name}: ${field.label}`} />)}
         </fieldset>
       ))}
+      {data?.targets?.length > MOST_TARGETS && <p class="note">{`The first ${MOST_TARGETS} of ${data.targets.length} targets; the others are under "All fields".`}</p>}
     </div>
   );
 }

@@ -15,7 +15,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Document } from "yaml";
 import { pathOf, refused } from "../api";
-import { commit, type Json, parse, type Path, shownPointer, text, valueAt } from "../state";
+import { commit, draft, type Json, parse, type Path, shownPointer, text, valueAt } from "../state";
 import { choose, resolve, schema, useSchema } from "./Form";
 
 const PAUSE = 500; // ms after the last key, after which the text is taken over
@@ -147,13 +147,15 @@ export function Editor() {
     let timer = 0;
     const take = (view: EditorView) => {
       const source = view.state.doc.toString();
-      if (!parse(source).errors.length) commit(source, "Edit the text", Infinity);
+      const broken = parse(source).errors.length > 0;
+      if (!broken) commit(source, "Edit the text", Infinity);
+      draft.value = broken ? source : "";
       view.dispatch(setDiagnostics(view.state, diagnostics(source)));
     };
     const view = new EditorView({
       parent: root as unknown as Element, root,
       state: EditorState.create({
-        doc: text.value,
+        doc: draft.peek() || text.value,
         extensions: [
           lineNumbers(), history(), drawSelection(), bracketMatching(), closeBrackets(), highlightActiveLine(), lintGutter(), yaml(), hover,
           syntaxHighlighting(COLOURS), autocompletion({ override: [complete] }), EditorView.lineWrapping,
@@ -176,12 +178,13 @@ export function Editor() {
         ],
       }),
     });
+    const show = (source: string) => {
+      if (source !== view.state.doc.toString()) view.dispatch({ changes: { from: 0, to: view.state.doc.length, insert: source }, userEvent: "outside" });
+    };
     view.scrollDOM.tabIndex = 0; // whoever has no mouse scrolls it, too
     const stopText = effect(() => {
       const next = text.value;
-      if (next !== view.state.doc.toString() && !view.hasFocus) {
-        view.dispatch({ changes: { from: 0, to: view.state.doc.length, insert: next }, userEvent: "outside" });
-      }
+      if (!draft.value && !view.hasFocus) show(next);
     });
     const stopLint = effect(() => {
       refused.value;
@@ -190,9 +193,7 @@ export function Editor() {
     const left = () => {
       window.clearTimeout(timer);
       take(view);
-      if (!parse(view.state.doc.toString()).errors.length && view.state.doc.toString() !== text.value) {
-        view.dispatch({ changes: { from: 0, to: view.state.doc.length, insert: text.value }, userEvent: "outside" });
-      }
+      if (!draft.value) show(text.value);
     };
     view.contentDOM.addEventListener("blur", left);
     const stopShowing = effect(() => {
@@ -204,6 +205,7 @@ export function Editor() {
       view.focus();
     });
     return () => {
+      window.clearTimeout(timer);
       stopText();
       stopLint();
       stopShowing();
@@ -212,6 +214,10 @@ export function Editor() {
   }, []);
   return (
     <>
+      {draft.value && (
+        <p class="remark">This text is no design yet, and the rest of the page shows the one before it: mend it where it is marked.{" "}
+          <button type="button" class="small" onClick={() => (draft.value = "")}>Leave it for the design's text</button></p>
+      )}
       <div class="editor" ref={host} />
       <p class="note">Tab goes on to what comes next; Ctrl+] and Ctrl+[ indent a line.</p>
     </>

@@ -7,7 +7,7 @@ import { base64, canUndo, design, differences, edit, first, type Json, leaveFirs
 import { firstDesign } from "../first";
 import { rounded } from "../geometry";
 import { readNumber, VERDICTS } from "../words";
-import { CArmChoice, CArmNote, wishes } from "./CArm";
+import { CArmChoice, CArmNote, unread, wishes } from "./CArm";
 import { beginMinute } from "./Minute";
 import { fileName, handOver, save } from "./Reports";
 
@@ -164,6 +164,7 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
   if (!base) {
+    if (unread.value) return void say(unread.value, true);
     begin(firstDesign(points, name, await wishes()), `Open ${name}`);
     assumes.value = true;
     return void say(`${points.length} fiducials of ${name} are in a first design. What nobody stated is assumed, and listed beside the pictures.${notes ? ` ${notes}` : ""}`);
@@ -178,7 +179,7 @@ export function withHeader(content: string): { first: string; labels: boolean; o
   const lines = content.split(/\r?\n/).filter((line) => line.trim() && !/^\s*#/.test(line)), cut = ["\t", ";", ","].find((mark) => lines[0]?.includes(mark));
   const rows = lines.map((line) => (cut ? line.split(cut) : line.trim().split(/\s+/)).map((cell) => cell.trim())), wide = rows[0]?.length;
   const body = /^"?x"?$/i.test(rows[0]?.[wide - 3] ?? "") ? rows.slice(1) : rows;
-  if ((wide !== 3 && wide !== 4) || !body.length || body.some((row) => row.length !== wide || row.slice(-3).some((cell) => readNumber(cell) === null))) return null;
+  if ((wide !== 3 && wide !== 4) || !body.length || body.some((row) => row.length !== wide || row.slice(-3).some((cell) => readNumber(cell.replace(",", ".")) === null))) return null;
   return { first: body[0].join(", "), labels: wide === 4, of: (unit) => [[...(wide === 4 ? ["label"] : []), ..."xyz"].map((name) => (name === "label" ? name : `${name}_${unit}`)), ...body].map((row) => row.join(cut ?? "\t")).join("\n") };
 }
 

@@ -3,8 +3,9 @@
 import { signal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { key, reachable, refused, send } from "../api";
-import { showValue } from "./Controls";
+import { showValue, unitOf } from "./Controls";
 import { design, type Edit, edit, type Json, type Path, pointerOf, valueAt } from "../state";
+import { readNumber } from "../words";
 
 export const schema = signal<Json>(null);
 
@@ -23,10 +24,11 @@ export function resolve(node: Json): Json {
 
 const without = (object: Json, name: string) => Object.fromEntries(Object.entries(object).filter(([key]) => key !== name));
 
-/** The alternative of a union that fits the value best. */
+/** The alternative of a union that fits the value best; where alternatives only say which of its own fields are needed, the
+ * node itself. */
 export function choose(node: Json, value: Json): Json {
   const full = resolve(node), options: Json[] | undefined = (full.anyOf ?? full.oneOf)?.map(resolve);
-  if (!options) return full;
+  if (!options || full.properties) return full;
   const fits = options.map((option) => {
     if (value === undefined || value === null) return option.type === "null" ? 0 : 1;
     const kind = Array.isArray(value) ? "array" : typeof value === "object" ? "object" : typeof value === "boolean" ? "boolean" : typeof value;
@@ -203,10 +205,10 @@ export function Leaf({ node, path, label, hidden = false }: { node: Json; path: 
   }
   const take = () => {
     if (!field.current) return; // it goes with the design that it is of, and loses the focus so
-    const text = field.current.value;
-    const number = Number(text.trim().replace("−", "-"));
+    const text = field.current.value, number = typeof value === "number" ? readNumber(text, unitOf(path)) : null;
+    if (typeof value === "number" && (number === value || text.trim() === "")) return void (field.current.value = String(value));
     field.current.defaultValue = text;
-    give(typeof value === "number" && text.trim() !== "" && Number.isFinite(number) ? number : text);
+    give(number ?? text);
   };
   return (
     <label>{name}

@@ -102,6 +102,7 @@ const CELLS = 36_000, LONGEST = 2500, SHORTEST = 8, PIECE_SECONDS = 0.4, AT_A_TI
 /** Draw and score a sample of the present axes; what comes is shown at once. */
 async function draw(): Promise<void> {
   running?.abort();
+  choose(() => undefined); // the axes that it is drawn of stay, whatever is taken of it
   const left = (running = new AbortController()), data = design.value, varied = axes.value, count = wantedCount.value, checks = answer.value?.score.verdict.checks ?? [];
   const places = sobol(count, varied.length, seed.value), price = costOf(data), unknown = () => new Float64Array(count).fill(NaN);
   const columns: Column[] = varied.map((axis, a) => ({ key: axis.key, label: axis.label, unit: axis.unit, log: axis.log, limit: null, now: axis.now, values: places[a].map((at) => valueOf(axis, at)), axis }));
@@ -250,7 +251,7 @@ function Lines({ of }: { of: Sample }) {
     return found;
   };
   const path = (values: (number | null)[]) => (values.every((value) => value !== null && Number.isFinite(value)) ? `M${values.map((value, c) => `${xs[c]} ${y(c, value!).toFixed(1)}`).join("L")}` : "");
-  const present = now && current.value ? columns.map((column) => (column.axis ? column.axis.read(settled.value) : column.key === "cost" ? costOf(settled.value)?.(new Map()) ?? null : worstOf(column.key))) : [];
+  const present = now && current.value ? columns.map(nowOf) : [];
   const place = (event: PointerEvent & { currentTarget: SVGElement }) => { const { left, top } = event.currentTarget.ownerSVGElement?.getBoundingClientRect() ?? event.currentTarget.getBoundingClientRect(); return [event.clientX - left, event.clientY - top]; };
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Lines of the designs">
@@ -273,8 +274,9 @@ function Lines({ of }: { of: Sample }) {
   );
 }
 
-/** What the design on the page comes to in a column that is found. */
-function worstOf(key: string): number | null {
+/** What the design on the page has in a column. */
+function nowOf({ key, axis }: Column): number | null {
+  if (axis || key === "cost") return axis ? axis.read(settled.value) : costOf(settled.value)?.(new Map()) ?? null;
   const { verdict, targets } = answer.value!.score, own = key === "p95_mm" ? targets.map(({ p95_mm: p95 }) => p95) : verdict.checks.filter(({ requirement }) => key === `value:${requirement}`).map(({ value }) => value);
   return own.length ? Math.max(...own) : null;
 }
@@ -376,7 +378,7 @@ function Axes() {
             <td><button type="button" class="small" aria-label={`Leave ${axis.label} as it is`} onClick={() => choose((held) => held.delete(axis.key))}>×</button></td>
           </tr>
         ))}
-        {found.map((column) => <tr key={column.key}><th scope="row">{named(column)}</th><td class="number">{column.now === null ? "" : brief(column.now)}</td><td colSpan={2} class="note">found</td>{kept(column.key, column.label)}<td /></tr>)}
+        {found.map((column) => <tr key={column.key}><th scope="row">{named(column)}</th><td class="number">{brief(nowOf(column))}</td><td colSpan={2} class="note">found</td>{kept(column.key, column.label)}<td /></tr>)}
       </Table>
       {rest.length > 0 && axes.value.length < MOST_AXES && (
         <p class="controls"><label>Let vary, too{" "}<select value="" onChange={(event) => { const axis = rest.find(({ key }) => key === event.currentTarget.value); if (axis) choose((held) => held.set(axis.key, [axis.low, axis.high])); event.currentTarget.value = ""; }}>

@@ -6,7 +6,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { answer, current, placeInWords, type Score, send } from "../api";
 import { runs, start, unfinished } from "../jobs";
 import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf, spread } from "../readings";
-import { comments, contentOf, design, differences, type Json, keepVersion, now as today, parse, pointerOf, recall, remember, removeVersion, say, selected, setComments, takeVersion, text, valueAt, type Version, versions } from "../state";
+import { comments, contentOf, design, differences, type Json, keepVersion, now as today, parse, pointerOf, recall, remember, removeVersion, say, selected, setComments, takeState, text, valueAt, type Version, versions } from "../state";
 import { changed, mm, stated, VERDICTS } from "../words";
 import { Dots, isDrawn } from "./Dots";
 import { beads, ghost } from "./Pictures";
@@ -63,7 +63,7 @@ export function Versions() {
                 <Judged of={of} now={now}>
                   <label><input type="checkbox" aria-label={`Draw ${version.name} below`} checked={ghost.value === version.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? version.name : null)} />draw</label>
                   <button type="button" class="small" aria-pressed={compared === version.name} onClick={() => compare(compared === version.name ? null : version.name)}>compare</button>
-                  <button type="button" class="small" onClick={() => takeVersion(version)}>take</button>
+                  <button type="button" class="small" onClick={() => takeState(version.text, `Version ${version.name}`)}>take</button>
                   <button type="button" class="small" aria-label={`Remove version ${version.name}`} onClick={() => removeVersion(version.name)}>×</button>
                 </Judged>
               </tr>

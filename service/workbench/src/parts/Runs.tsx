@@ -9,7 +9,7 @@ import { START } from "../advice";
 import { roundStep } from "../geometry";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, stateWords, unfinished } from "../jobs";
 import { precisionOf, read } from "../readings";
-import { contentOf, design, type Json, open, text } from "../state";
+import { contentOf, design, type Json, takeRun, text } from "../state";
 import { brief, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
 import { Checks, Measures } from "./Checks";
 import { fetched } from "./fetched";
@@ -79,7 +79,7 @@ function Item({ run }: { run: Run }) {
         {unfinished(run)
           ? <button type="button" class="small" onClick={() => cancel(run.id)}>Cancel</button>
           : <button type="button" class="small" onClick={() => forget(run.id)}>Take off the list</button>}
-        {other && <button type="button" class="small" onClick={() => open(run.text, `Back to the design of ${run.title}`)}>Back to that design</button>}
+        {other && <button type="button" class="small" onClick={() => takeRun(run.text, `Back to the design of ${run.title}`)}>Back to that design</button>}
       </p>
       {unfinished(run) && (
         <>

@@ -21,15 +21,15 @@ const within = (rim: Flat[], [x, y]: Flat) => {
 /** What the scene has of them, as it is: there errors are magnified about the planned axis. */
 export function drawnOf({ items, magnification }: Scene): Drawn[] {
   if (!magnification) return [];
-  return items.filter(({ look }) => look === "trajectory").map(({ points: [begin, end], title }) => {
+  return items.filter(({ look }) => look === "trajectory").map(({ points: [begin, end], title = "" }) => {
     const name = title.replace("trajectory ", ""), along = unit(add(end, begin, -1)), right = across(along), up = cross(along, right) as Vector;
     const flat = (point: Vector, from: Vector): Flat => { const by = add(point, from, -1); return [dot(by, right) / magnification, dot(by, up) / magnification]; };
-    const own = items.filter((item: Item) => item.layer === "corridor" && item.title.startsWith(`corridor of ${name}: `)), [entry, tip] = own.filter(({ points }) => points.length > 2), rims = entry ? [entry.points.map((p) => flat(p, begin)), tip.points.map((p) => flat(p, end))] : [];
-    const shots = items.filter(({ look, title: each }) => look === "executed" && each.startsWith(`${name}: `)).map(({ points: [a, b] }) => {
+    const own = items.filter((item: Item) => item.layer === "corridor" && item.title?.startsWith(`corridor of ${name}: `)), [entry, tip] = own.filter(({ points }) => points.length > 2), rims = entry ? [entry.points.map((p) => flat(p, begin)), tip.points.map((p) => flat(p, end))] : [];
+    const shots = items.filter(({ look, title: each = "" }) => look === "executed" && each.startsWith(`${name}: `)).map(({ points: [a, b] }) => {
       const ends: [Flat, Flat] = [flat(a, begin), flat(b, end)];
       return { ends, inside: !rims.length || ends.every((at, k) => within(rims[k], at)) };
     });
-    return { name, words: own[0]?.title.replace(`corridor of ${name}: `, "") ?? "", rims, shots };
+    return { name, words: own[0]?.title?.replace(`corridor of ${name}: `, "") ?? "", rims, shots };
   });
 }
 

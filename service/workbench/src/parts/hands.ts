@@ -17,7 +17,7 @@ export interface Item {
   look: string;
   points: Vector[];
   label: string;
-  title: string;
+  title?: string;
 }
 export interface Scene {
   items: Item[];
@@ -91,13 +91,13 @@ export function handles(viewer: Viewer): Handle[] {
 
 /** Origin and unit vectors of a frame, in con, as they are drawn. */
 function axesOf({ items }: Scene, frame: string): { origin: Vector; along: Vector[] } | null {
-  const arrows = items.filter(({ layer, title }) => layer === "frames" && title.split(/[ ,=]+/).includes(frame)).map(({ points }) => points);
+  const arrows = items.filter(({ layer, title }) => layer === "frames" && title?.split(/[ ,=]+/).includes(frame)).map(({ points }) => points);
   return arrows.length === 3 ? { origin: arrows[0][0], along: arrows.map(([from, to]) => unit(add(to, from, -1))) } : null;
 }
 
 /** Where a view's beam is held: at its source, or close up at the end of the arrow that stands for it. */
 function beamOf({ scene, extent }: Viewer, name: string): { tail: Vector; centre: Vector } | null {
-  const of = (layer: string, begin: string) => scene.items.find((item) => item.layer === layer && (item.title === begin || item.title.startsWith(`${begin}:`)))?.points;
+  const of = (layer: string, begin: string) => scene.items.find((item) => item.layer === layer && (item.title === begin || item.title?.startsWith(`${begin}:`)))?.points;
   if (extent === "far") {
     const source = of("beams", `source of view ${name}`)?.[0];
     return source ? { tail: source, centre: source } : null;
