@@ -135,7 +135,7 @@ def test_every_lever_has_its_bar_and_every_slider_its_curve_whose_crossing_is_wh
 
 def test_a_design_without_a_requirement_gets_one_and_more_under_all_fields_or_by_the_strip(service: Served) -> None:
     found = found_by(service, "grow", demo_with("requirements", "optimise"))
-    assert not any("no such field" in shown for shown in found["fields"])  # of a union that says which fields are needed
+    assert not any("no such field" in shown for shown in found["fields"])  # of a union of needed fields
     none, one, two, empty, again, stated = found["found"]
     assert none == empty == []
     assert len(one) == len(again) == 1
