@@ -13,7 +13,8 @@ that was killed, or that was too short, is continued.
 
 The tables: for each form, count of views and level of the statement, how many layouts there are, and for each quantile
 the share whose ratio is within the band of first-order intervals there and the ratios farthest from one; the same by
-fiducials; and every layout that is beyond its band, or of which some trials have no estimate.
+fiducials and by what is remarked of the geometry; and every layout that is beyond its band, or of which some trials
+have no estimate.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "tests")]
 
-from random_designs import VIEWS, random_design
+from random_designs import DETERMINATION, VIEWS, random_design
 from tailstack.design import check_design, load_design
 from tailstack.errors import NotConvergedError
 from tailstack.propagation.linear import linearise
@@ -112,6 +113,8 @@ def print_table(form: str, rows: list[dict[str, Any]]) -> None:
     groups = {f"{views} views": [row for row in simulated if row["views"] == views] for views in VIEWS}
     for count in sorted({count for counts in (*FEWEST.values(), *GROUPS.values()) for count in counts}):
         groups[f"{count} fiducials"] = [row for row in simulated if row["fiducials"] == count]
+    for rule in DETERMINATION:
+        groups[f"remarked: {rule}"] = [row for row in simulated if rule in row["rules"]]
     for name, group in {**groups, "all": simulated}.items():
         for level in STATEMENTS:
             chosen = [row for row in group if row["status"] == level]

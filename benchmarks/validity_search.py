@@ -19,10 +19,9 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "tests")]
 
-from random_designs import LOUDEST_PX, VIEWS, random_design, scaled
+from random_designs import DETERMINATION, LOUDEST_PX, VIEWS, random_design, scaled
 from tailstack.design import check_design, load_design
 from tailstack.errors import TailstackError
-from tailstack.estimation.checks import DETERMINATION
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.validity import COUNTED

@@ -12,7 +12,7 @@ targets.  Three of four designs have corners: mounts that turn by up to 10 degre
 locators 4 to 100 mm apart, a hand-eye error, motion between the shots of up to 3 mm, bounded components, and two of
 three of these a known error of 0.3 to 5 times the random one; two of three have some of what can go wrong in an image,
 with believed intrinsics that are wrong by up to 20 % (``tests/random_designs.py``).  Of two of three a dozen are drawn
-in search of one without a remark, for mode auto believes no other.
+in search of one without a remark.
 
 With ``--far`` the target lies 4 to 30 radii of the fiducials away and its rays are 2 to 35 degrees apart; half of these
 designs are plain, and half lie just below a threshold of nu, by its parts but the fifth, which they are a test of.

@@ -34,7 +34,7 @@ FACTORS = (0.9, 1.0, 1.011, 1.051, 1.31)  # limits over first order
 BATCH = 8192
 SLICE = 512  # trials whose deviates fit beside their columns into a core's own memory
 SECTIONS = 8
-CLEAR = 12  # designs drawn in search of one without a remark, which mode auto would sample
+CLEAR = 12  # designs drawn in search of one without a remark
 MOST_REDONE = 2000  # trials
 TOLERATED = 1.01  # trials may pass a design whose quantile is beyond its limit by so much
 TODAY = date(2026, 11, 22)
@@ -348,7 +348,7 @@ def restate(row: Held) -> Held:
     return replace(
         row, status=trust.status, numbers=tuple(getattr(trust, f"nu_{name}") for name in NUMBERS),
         percents=tuple(error_percent(trust, q) for q in QUANTILES),
-        passed_by_first_order=row.passed_by_first_order if (trust.expected_error_percent or inf) <= 5 else None,
+        passed_by_first_order=row.passed_by_first_order if trust.expected_error_percent is not None else None,
     )  # fmt: skip
 
 

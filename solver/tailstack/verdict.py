@@ -12,6 +12,7 @@ from .results.verdicts import decisive_check, name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
+NOT_KNOWN = "how far this estimate is from a simulation is not known"
 
 
 def decide(interval: Interval, limit: float) -> Status:
@@ -83,8 +84,7 @@ def _finding(check: Check, basis: str) -> Finding:
     if check.status == "fail":
         closing = ""
     elif estimated and high is None:
-        why = check.open_because or "how far this estimate is from a simulation is not known"
-        closing = f": {why}; run `tailstack verify`"
+        closing = f": {check.open_because or NOT_KNOWN}; run `tailstack verify`"
     elif estimated:
         closing = ": too close to say by estimate; run `tailstack verify`"
     elif (level := level_of(check.risk)) is not None:

@@ -403,22 +403,20 @@ def test_monte_carlo_is_drawn_where_it_is_wanted(factor: float, mode: str, basis
     assert gate(limited(factor * P95), mode=mode).designs[0].basis == basis
 
 
-# By the remark that first order decides nothing beside: designs whose estimate is good to 5 % or better.
-HARDLY_DETERMINED = {
+# By what is remarked of their geometry, which changes nothing of how far the estimate is off; one is good to 20 %
+REMARKED = {
     "projected-overlap": small_design(),
-    "flat-structure": yaml.safe_load((EXAMPLES / "flat_plate.yaml").read_text()),
+    "flat-structure": yaml.safe_load((EXAMPLES / "gallery" / "flat_plate.yaml").read_text()),
     "small-parallax": yaml.safe_load((EXAMPLES / "gallery" / "narrow_angle.yaml").read_text()),
 }
 
 
-@pytest.mark.parametrize("rule", HARDLY_DETERMINED)
-def test_one_rule_says_what_first_order_decides(rule: str) -> None:
-    """Beside a remark that the geometry hardly determines the answer, mode auto samples and mode analytic leaves every
-    limit open, those of a quantile, of the mean of the tail and of each unit, whichever side it is on, and says why."""
-    design = HARDLY_DETERMINED[rule]
+@pytest.mark.parametrize("rule", REMARKED)
+def test_first_order_decides_in_the_gate_what_it_decides_in_a_score(rule: str) -> None:
+    """Limits of a quantile and of each unit, with the same intervals, and of the mean of the tail."""
+    design = REMARKED[rule]
     first = score(load_design(design))
     assert rule in {finding.rule for finding in first.verdict.findings}
-    assert (first.validity.expected_error_percent or 100) <= 5
     units = {"name": "units", "risk": "per_unit", "min_yield": 0.5}
     for factor in (3.0, 1 / 3):
         limit = factor * first.targets[0].p95_mm
@@ -426,12 +424,13 @@ def test_one_rule_says_what_first_order_decides(rule: str) -> None:
         named = [{"name": "all", **stated}, {**units, **stated}]
         held = {**{name: part for name, part in design.items() if name != "optimise"}, "requirements": named}
         rules = policy({"cvar": {"limit_mm": limit}}, verification={"max_trials": 8192})
-        record = gate(held, mode="analytic", policy=rules)
-        assert (record.verdict, record.exit_code) == ("inconclusive", 4)
-        assert {number.status for number in record.designs[0].numbers} == {"inconclusive"}
-        assert {number.interval for number in record.designs[0].numbers} == {(0.0, None)}
-        assert all(rule in finding.message for finding in of_rule(record, "inconclusive"))
-    assert gate(held, mode="auto", policy=rules).designs[0].basis == "Monte Carlo"
+        (gated,) = gate(held, mode="analytic", policy=rules).designs
+        checks = score(load_design(held)).verdict.checks
+        *own, mean = gated.numbers
+        assert [(number.status, number.interval) for number in own] == [(c.status, c.interval) for c in checks]
+        assert {number.status for number in gated.numbers} == {"pass" if factor > 1 else "fail"}
+        assert mean.rule == "cvar"
+        assert gate(held, mode="auto", policy=rules).designs[0].basis == "first order"
 
 
 def test_auto_samples_what_first_order_was_not_calibrated_for() -> None:
@@ -519,7 +518,7 @@ def test_an_estimate_that_is_not_known_to_be_good_is_not_called_too_close() -> N
     for view in design["views"]:
         view["fiducial_noise_px"] = view["target_noise_px"] = 1.2
     (found,) = of_rule(gate(design, mode="analytic"), "inconclusive")
-    assert "how far the estimate is from a simulation is not known; gate with --mode auto or verify" in found.message
+    assert "how far this estimate is from a simulation is not known; gate with --mode auto or verify" in found.message
     assert "too close" not in found.message
 
 

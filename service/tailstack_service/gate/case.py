@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 
 from tailstack.design import Design, design_to_data, load_design
-from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots, name_all
@@ -24,9 +23,7 @@ from .reading import Remark
 from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjudged
 
 CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
-TRUSTED_PERCENT = 5.0  # error of P95 up to which first order decides a limit
 CVAR_MISSED = "how far the estimate of it is from a simulation is not known where fiducials are missed"
-UNKNOWN = (0.0, None)  # where a simulation's quantile lies if first order decides nothing, mm
 MOST_NAMES = 3
 
 
@@ -133,21 +130,6 @@ def list_requirements(
 # --- the numbers held against that -------------------------------------------------------------------
 
 
-def doubt_first_order(score: Score) -> str:
-    """Why first order decides no limit of a design, whatever its distance from it; empty: it does.
-
-    It does where its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks
-    that the geometry hardly determines the answer.
-    """
-    percent = score.validity.expected_error_percent
-    if percent is None:
-        return "how far the estimate is from a simulation is not known"
-    if percent > TRUSTED_PERCENT:
-        return f"the estimate is good to {percent:g} % only, and decides up to {TRUSTED_PERCENT:g} %"
-    remarks = [finding.rule for finding in score.verdict.findings if finding.rule in DETERMINATION]
-    return f"beside {', '.join(dict.fromkeys(remarks))} no estimate decides" if remarks else ""
-
-
 def compare_numbers(
     score: Score, verification: Verification | None, requirements: Mapping[str, GateRequirement], looks: int = 1
 ) -> tuple[LimitComparison, ...]:
@@ -157,7 +139,6 @@ def compare_numbers(
     """
     checks = (score if verification is None else verification).verdict.checks
     stated = [(requirements[check.requirement], check) for check in checks]
-    doubted = verification is None and bool(doubt_first_order(score))
     # Quantiles share the run's confidence, the largest that is asked for; a yield has its own.
     largest = max((requirement.confidence for requirement, _ in stated), default=0.95)
     comparisons = []
@@ -165,8 +146,6 @@ def compare_numbers(
         if requirement.severity != "off":
             own = requirement.confidence if check.risk != "pooled" else largest
             rate = None if verification is None else _error_rate(own)
-            if doubted:
-                check = replace(check, interval=UNKNOWN, status="inconclusive")
             known = {field.name: getattr(check, field.name) for field in fields(Check)}
             number = GateNumber(**(known | {"requirement": requirement.name}), rule=requirement.rule, error_rate=rate)
             comparisons.append(LimitComparison(requirement, number))
@@ -186,11 +165,11 @@ def _compare_cvar(
     estimates: list[tuple[str, float, tuple[float, float]]] = []
     confidence, limit = requirement.confidence, requirement.limit
     if verification is None:
-        ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
+        missed = is_of_all_shots(score.verdict)
+        ratio = inf if missed else 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
             mean = target.cvar95_mm
-            unknown = doubt_first_order(score) or is_of_all_shots(score.verdict)
-            estimates.append((target.name, mean, (0.0, inf) if unknown else (mean / ratio, mean * ratio)))
+            estimates.append((target.name, mean, (0.0, inf) if ratio == inf else (mean / ratio, mean * ratio)))
     else:
         from tailstack.montecarlo.estimators import cvar_interval
 

@@ -39,8 +39,6 @@ from .resection import (
 WEAK = 5e-3  # the same, for a warning: a 100 mm cube has 0.3, two plates 5 mm apart 0.02, 1 mm apart 0.004
 FLAT = 0.15  # thickness over width, for a warning: the gain of noise grows as its inverse
 SMALL_PARALLAX_DEG = 30.0
-# Remarks that the geometry hardly determines the answer: first order is not believed beside one of them.
-DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
 
 
 def check_geometry(system: System) -> tuple[Finding, ...]:
