@@ -316,7 +316,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
         <g class="scale" aria-hidden="true">
           <path d={`M${left + 12 * scale} ${top + height - 10 * scale}h${bar}`} />
           <text x={left + 12 * scale} y={top + height - 14 * scale} font-size={11 * scale}>{`${bar} ${plane.unit}`}</text>
-          {plane.axes && <text x={left + width - 8 * scale} y={top + height - 10 * scale} font-size={11 * scale} text-anchor="end">{`→ ${plane.axes[0]}   ↑ ${plane.axes[1]}`}</text>}
+          {plane.axes && <text x={left + 8 * scale} y={top + 15 * scale} font-size={11 * scale}>{`→ ${plane.axes[0]}   ↑ ${plane.axes[1]}`}</text>}
         </g>
       </svg>
     </figure>
