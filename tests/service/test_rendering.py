@@ -188,6 +188,16 @@ def test_levers_begin_with_the_first_requirement_that_has_some() -> None:
         assert pictures == ["levers", "levers-2"][: len({lever.requirement for lever in told.levers})]
 
 
+@pytest.mark.parametrize(
+    ("side", "words"), [({}, "kept as it is"), ({"side": "above"}, "kept by an estimate that does not decide it")]
+)
+def test_levers_call_a_limit_kept_only_where_the_estimate_decides_it(side: dict[str, str], words: str) -> None:
+    depth = {"name": "depth", "error": "z", "limit_mm": 3.0, **side}
+    document = {name: part for name, part in DEMO.items() if name != "optimise"}
+    found = score(load_design({**document, "requirements": [depth]}))
+    assert f"limit 3: {words}" in repr(levers_blocks(found))
+
+
 def test_what_lies_outside_an_image_is_counted() -> None:
     (view, *_) = score(load_design(DEMO)).views
     for labels, words in ((("F1",), "1 fiducial outside"), (("F1", "F2"), "2 fiducials outside")):

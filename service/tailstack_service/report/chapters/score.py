@@ -618,7 +618,7 @@ def _say_reach(levers: Sequence[Lever], check: Check | None, score: Score) -> st
         return f"{told}impossible below {wall[0].value:.4g} with {wall[0].label}"
     alone = [lever.label for lever in levers if lever.how != "bound" and lever.value <= check.limit]
     if check.value <= check.limit:
-        return f"{told}kept as it is"
+        return f"{told}{'kept as it is' if check.status == 'pass' else 'kept by an estimate that does not decide it'}"
     return f"{told}kept by {' or by '.join(alone)} alone" if alone else f"{told}no lever alone keeps it"
 
 
