@@ -107,7 +107,10 @@ def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:
         f"in {unanswered} of {trials} shots ({100 * unanswered / trials:.2g} %) so many fiducials are missed that what "
         f"is left has no answer: there is no bound {what}"
     )
-    hint = "use more fiducials, or an estimator with fewer unknowns (model.estimator: pose)"
+    hint = (
+        "use more fiducials, or an estimator with fewer unknowns (model.estimator: pose), or require less: a lower "
+        "quantile, the largest of fewer errors (max_of_n asks that one error keep a quantile nearer to 1)"
+    )
     return IllPosedError(Problem("/fiducials/loss_probability", "no-bound", detail, hint))
 
 
