@@ -60,7 +60,9 @@ def place_scripts() -> Path:
     place = packages / sha256(b"".join(scripts.values())).hexdigest()[:16]
     place.mkdir(exist_ok=True)
     for called, content in scripts.items():
-        (place / called).write_bytes(content)
+        fresh = place / f".{called}.{os.getpid()}"  # another process may be reading the one that is there
+        fresh.write_bytes(content)
+        fresh.replace(place / called)
     return place
 
 
@@ -74,7 +76,7 @@ class Browser:
             preexec_fn=die_with_parent,
         )  # fmt: skip
         atexit.register(self.end)
-        self.ask({"executable": chromium(), "sandbox": os.geteuid() != 0})
+        self.ask({"executable": chromium(), "sandbox": os.geteuid() != 0, "limit": 1000 * LIMIT_SECONDS})
 
     def ask(self, job: dict[str, Any]) -> None:
         assert self.process.stdin is not None

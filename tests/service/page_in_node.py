@@ -11,6 +11,7 @@ from openapi_scenes import pinned_tools
 from service_scenes import ROOT
 
 from family import run_process
+from waiting import LIMIT_SECONDS
 
 SOURCES = ROOT / "service" / "workbench"
 SCRIPT = Path(__file__).parent / "workbench_in_node.mjs"
@@ -42,6 +43,6 @@ def call_page(folder: Path, modules: tuple[str, ...], script: str, asked: Any) -
     head += "const answer = (value) => console.log(JSON.stringify(value));\n"
     environment = {**os.environ, "NODE_PATH": str(packages), "PAGE": str(SOURCES)}
     for arguments, given in ((["-e", STRIP, *modules], ""), (["-e", head + script], json.dumps(asked))):
-        done = run_process("node", *arguments, input=given, cwd=folder, env=environment, timeout=60)
+        done = run_process("node", *arguments, input=given, cwd=folder, env=environment, timeout=LIMIT_SECONDS)
         assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -103,12 +103,18 @@ def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
     check_that_each_dies_alone(pool, 24)
 
 
-def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
+def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine, tmp_path: Path) -> None:
+    note, go = tmp_path / "note", tmp_path / "go"
     for _ in range(2):
         for pid in pool.pids():
             os.kill(pid, signal.SIGKILL)
-        futures = [pool.submit(task(), f"after-{os.urandom(4).hex()}") for _ in range(2)]
+        asked = task("wait", note=str(note), until=str(go))
+        futures = [pool.submit(asked, f"after-{os.urandom(4).hex()}") for _ in range(2)]
+        until(lambda: len(begun(note)) == 2)  # each in a process of its own: neither of the dead is left
+        go.touch()
         assert all(future.result(LIMIT_SECONDS).result for future in futures)
+        go.unlink()
+        note.unlink()
 
 
 def test_a_kill_stops_the_process_at_once(pool: PoolEngine, tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.problems import DamagedStore, StoreError, StoreUnavailable
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS, until
+from turned_clock import TurnedClock
+from waiting import LIMIT_SECONDS, until, until_async
 
 BODY = {"design": small_design(), "trials": 1000}
 
@@ -382,25 +383,24 @@ def test_a_worker_stops_while_its_database_stands_still(
             assert worker.wait(LIMIT_SECONDS) == 0  # while it stands still
 
 
-async def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(file: Path) -> None:
     """As on a disk that hangs: the thread stays where it is until the disk answers."""
-    monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
-    monkeypatch.setattr(http_service, "LOOK_SECONDS", 0.2)
-    monkeypatch.setattr(http_service, "LATE_SECONDS", 0.1)
-    answers, begun = threading.Event(), list[int]()
+    answers, begun, clock = threading.Event(), list[int](), TurnedClock()
 
     def hang(_: object, number: int = -1) -> int:
         begun.append(number)
         answers.wait(LIMIT_SECONDS)
         return number
 
-    kept = http_service.Storage(url_at(file))
+    kept = http_service.Storage(url_at(file), clock)
+    kept.database()
     before = threading.active_count()
     looks = [kept.look(hang) for _ in range(5)]
     calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
-    told = await asyncio.gather(*looks, *calls, return_exceptions=True)
+    waiting = [asyncio.ensure_future(each) for each in (*looks, *calls)]
+    await until_async(lambda: len(begun) == 2 * http_service.THREADS + 1, lambda: begun)
+    clock.turn(2 * LIMIT_SECONDS)
+    told = await asyncio.gather(*waiting, return_exceptions=True)
     assert {type(each) for each in told} == {StoreUnavailable}
     assert threading.active_count() - before <= 2 * http_service.THREADS + 1
     assert len(begun) == 2 * http_service.THREADS + 1  # what nobody waits for any more is not begun

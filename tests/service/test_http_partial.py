@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -216,16 +216,18 @@ async def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> N
     here.keep("a", [("1", b"{}")])
     assert table.rows == {}
     assert await here.find("a", "1") == b"{}"
-    assert await found_later(there, "a", "1", clock) == b"{}"
+    assert await found_later(there, "a", "1", clock, lambda: table.rows) == b"{}"
     assert await found_later(there, "b", "1", clock) is None
 
 
-async def found_later(designs: KeptDesigns, tenant: str, sha256: str, clock: TurnedClock) -> bytes | None:
+async def found_later(
+    designs: KeptDesigns, tenant: str, sha256: str, clock: TurnedClock, written: Callable[[], object] = lambda: True
+) -> bytes | None:
     """A design that is not there yet: whoever asks for it looks a second time, after several writes."""
     asking = asyncio.ensure_future(designs.find(tenant, sha256))
     await clock.until_waits_async(4 * PAUSE_SECONDS)
     clock.turn(PAUSE_SECONDS)
-    await until_async(lambda: not designs._waiting)
+    await until_async(written)
     clock.turn(3 * PAUSE_SECONDS)
     return await asking
 

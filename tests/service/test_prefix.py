@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from postgres import go_without
+from postgres import free_ports, go_without
 from service_scenes import ROOT, check_problem, client_of, client_with, small_design
 
 from family import started
@@ -164,8 +164,7 @@ class Proxy:
 @contextmanager
 def proxying(folder: Path, configure: Callable[[int], str]) -> Iterator[Proxy]:
     """nginx with a file that is made for the port on which it is to listen."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = next(free_ports())
     (folder / "nginx.conf").write_text(configure(port), encoding="utf-8")
     options = ("-c", folder / "nginx.conf", "-e", folder / "error.log", "-g", "daemon off; master_process off;")
     proxy = Proxy(port, folder)

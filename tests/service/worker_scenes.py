@@ -26,7 +26,7 @@ from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 TENANT = "acme"
-QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
+QUICK: dict[str, Any] = {"lease_seconds": 600.0, "poll_seconds": 0.01, "worker_processes": 2}
 
 PROGRAM = """
 import logging

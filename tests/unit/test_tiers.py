@@ -113,8 +113,8 @@ def test_orders_and_what_hypothesis_draws_are_those_of_their_seeds(tmp_path: Pat
 
 
 def test_costs_are_written_by_test(tmp_path: Path) -> None:
-    burns = "import time\nSTART = time.process_time()\ndef test_burns():\n"
-    burns += "    while time.process_time() < START + 0.3: sum(range(1000))\n"
+    burns = "import time\ndef test_burns():\n    start = time.process_time()\n"
+    burns += "    while time.process_time() < start + 0.3: sum(range(1000))\n"
     (tmp_path / "test_burns.py").write_text("def test_rests(): pass\n" + burns)
     run_tests(tmp_path, "--costs", str(tmp_path / "costs"))
     lines = [line.split(" ") for line in (tmp_path / "costs").read_text().splitlines()]

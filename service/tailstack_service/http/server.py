@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import signal
@@ -14,7 +15,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import h11
 import uvicorn
@@ -42,7 +43,8 @@ BACKLOG = 1024
 ANSWER_SECONDS = 8  # for an API process to say that it lives; one that has just been started is busy importing
 GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
-LAST_SECONDS = 2.0  # for what a client still sends that has been told it speaks no HTTP
+IDLE_SECONDS = 30  # of a connection that may be used again; clients keep one for 4 or 5 s, and must not lose the race
+LAST_SECONDS = 2.0  # for what a client still sends that has its last answer
 GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
 START_LOOK_SECONDS = 0.02  # between looks whether an embedded service has started
 STOP_SECONDS = 9.0  # for a process to end by itself when told to
@@ -109,34 +111,47 @@ def _config(app: Callable[[], FastAPI], settings: Settings) -> uvicorn.Config:
         server_header=False,
         proxy_headers=False,  # nothing here depends on who the client is, or how he came
         timeout_graceful_shutdown=GRACE_SECONDS,
+        timeout_keep_alive=IDLE_SECONDS,
         backlog=BACKLOG,
         timeout_worker_healthcheck=ANSWER_SECONDS,
         workers=settings.api_processes,
     )
 
 
-class _PatientProtocol(H11Protocol):
-    """HTTP by h11: strict; httptools takes two Host headers and endless heads, and loses a body beside an upgrade.
+class _PatientTransport:
+    """A connection that is closed so that its last answer is read.
 
-    What is no HTTP is refused so that its sender reads it: uvicorn closes the connection at once, which resets it while
-    the sender is still sending, and a reset may overtake the refusal.
+    Closed beside bytes that nobody took it is reset, and a reset may overtake the answer.  So while the other side is
+    still sending, only this side ends at once; what comes is read off for a moment.
     """
 
-    def send_400_response(self, msg: str) -> None:
-        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):  # half an answer is out
-            self.transport.close()
+    def __init__(self, transport: asyncio.Transport, connection: h11.Connection) -> None:
+        self._transport, self._connection, self.is_left = transport, connection, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    def is_closing(self) -> bool:
+        return self.is_left or self._transport.is_closing()
+
+    def close(self) -> None:
+        if self.is_closing() or self._connection.their_state not in (h11.SEND_BODY, h11.ERROR):
+            self._transport.close()
             return
-        body = f"{msg}\n".encode()
-        headers = [
-            ("content-type", "text/plain; charset=utf-8"), ("content-length", str(len(body))), ("connection", "close"),
-        ]  # fmt: skip
-        for event in (h11.Response(status_code=400, headers=headers), h11.Data(body), h11.EndOfMessage()):
-            self.transport.write(self.conn.send(event))
-        self.transport.write_eof()
-        self.loop.call_later(LAST_SECONDS, self.transport.close)
+        self.is_left = True
+        self._transport.write_eof()
+        self._transport.resume_reading()
+        asyncio.get_running_loop().call_later(LAST_SECONDS, self._transport.close)
+
+
+class _PatientProtocol(H11Protocol):
+    """HTTP by h11: strict; httptools takes two Host headers and endless heads, and loses a body beside an upgrade."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(cast(asyncio.Transport, _PatientTransport(transport, self.conn)))
 
     def data_received(self, data: bytes) -> None:
-        if self.conn.their_state is not h11.ERROR:  # what comes after a refusal is read off
+        if not self.transport.is_closing():
             super().data_received(data)
 
 

@@ -54,10 +54,11 @@ export async function send(method: string, path: string, body?: unknown, headers
   })) }, { status: 422 });
   const content = whole ? body : JSON.stringify(withSurface(body as Json));
   try {
-    const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store", signal });
+    const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store", signal }), { status, headers: told } = response;
+    const answered = await response.arrayBuffer(); // an answer that breaks off in the middle is none
     reachable.value = true;
-    if (response.status === 401) keyWanted.value = true;
-    return response;
+    if (status === 401) keyWanted.value = true;
+    return new Response(status === 204 ? null : answered, { status, headers: told });
   } catch (error) {
     if (!signal?.aborted) reachable.value = false;
     throw error;

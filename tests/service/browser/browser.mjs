@@ -1,4 +1,4 @@
-// One browser for all pages of a test process, and all that is done in it.  Lines of JSON on stdin: {executable, sandbox},
+// One browser for all pages of a test process, and all that is done in it.  Lines of JSON on stdin: {executable, sandbox, limit},
 // then one job after the other, {script, scenario, limit, ...}.  Lines of JSON on stdout: for each job {found} or {error},
 // and before it {said} as often as its scenario tells something.  It ends when stdin does, so with whoever started it.
 import { createInterface } from "node:readline";
@@ -29,7 +29,7 @@ let browser, last;
 lines.on("line", (line) => {
   const said = JSON.parse(line);
   if (browser) last = Promise.all([browser, last]).then(([ready]) => answer(ready, said));
-  else browser = chromium.launch({ executablePath: said.executable, chromiumSandbox: said.sandbox, args: FLAGS });
+  else browser = chromium.launch({ executablePath: said.executable, chromiumSandbox: said.sandbox, args: FLAGS, timeout: said.limit });
 });
 lines.once("close", async () => {
   await (await browser)?.close();

@@ -141,8 +141,8 @@ scenarios.left = async () => {
     const ask = window.fetch;
     window.coming = 0;
     window.fetch = async (where, more) => {
-      const response = await ask(where, more), read = response.json.bind(response), left = more?.signal;
-      if (left) response.json = async () => {
+      const response = await ask(where, more), read = response.arrayBuffer.bind(response), left = more?.signal;
+      if (left) response.arrayBuffer = async () => {
         window.coming += 1;
         await new Promise((done) => (left.aborted ? done() : left.addEventListener("abort", done)));
         return read();
