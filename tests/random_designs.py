@@ -22,7 +22,7 @@ LAWS = ("normal", "uniform", "triangular")
 FIDUCIALS = (6, 7, 8, 9, 10, 11, 12, 13, 14, 20, 40)
 VIEWS = (2, 3, 4, 5, 6, 7, 8)
 LOUDEST_PX = 5.0
-# Remarks that the geometry hardly determines the answer
+# What is remarked where the geometry hardly determines the answer
 DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
 TURNS_DEG, SHIFTS_MM = ((0.002, 0.05), 1.0), ((0.01, 0.2), 10.0)  # of an arm: typical, and most
 RADII, RAYS_DEG, SPAN_DEG = (4.0, 30.0), (2.0, 35.0), (2.0, 70.0)  # of far targets

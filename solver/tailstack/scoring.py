@@ -326,8 +326,8 @@ class ErrorScore:
         return cache(lambda q: self.at if q == P95 or alike else error_law(self.model, self.at.error, q))
 
     @property
-    def missed(self) -> bool:
-        """Whether fiducials are, in some shots."""
+    def has_losses(self) -> bool:
+        """Whether fiducials are missed in some shots."""
         return self.search is not None
 
     def shots(self, quantile: float) -> Shots | None:
@@ -363,7 +363,7 @@ def _score_metrics(
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:
     limit = tightest_limit(system, model.site, error)
     found = ErrorScore(model, error_law(model, error, P95), limit, search if system.loss_probability else None)
-    if found.missed:  # first: from which lattices a mixture is read depends on what was asked before
+    if found.has_losses:  # first: from which lattices a mixture is read depends on what was asked before
         _ = found.summary
     return found
 
@@ -383,7 +383,9 @@ def _score_measure(error: ErrorScore, site: Site, judged: bool) -> MeasureResult
         cvar95=summary.cvar_mm,
         limit=error.limit,
         exceedance_probability=summary.exceedance,
-        breaches=() if site.corridor_mm is None or error.missed else _score_breaches(error.at.law, site.corridor_mm),
+        breaches=()
+        if site.corridor_mm is None or error.has_losses
+        else _score_breaches(error.at.law, site.corridor_mm),
         ppk=ppk_of(error.limit or 0.0, float(mean[0]), float(np.sqrt(total[0, 0])), site.is_one_sided)
         if limited
         else None,
@@ -545,14 +547,14 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
         # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
         doubt = 3 * risk.standard_error_mm
         interval = _error_band(max(value - doubt, 0.0), percent)[0], _error_band(value + doubt, percent)[1]
-        if error.missed:
+        if error.has_losses:
             interval, why = OPEN, f"no estimate is known of the risk of each {level} where fiducials are missed"
     elif shots is not None:
         value, interval, why = shots.value(p), shots.interval(p), shots.why_open(p)
     else:
         value = error.read(p).quantile.quantile_mm
         interval = _error_band(value, percent)
-    if error.missed and measure not in POINTS:
+    if error.has_losses and measure not in POINTS:
         interval, why = OPEN, f"no estimate is known of {measure.words} where fiducials are missed"
     if error.model.doubt:
         interval = OPEN
@@ -583,7 +585,7 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     if doubt or not row.calibrated:
         of = f"the {row.name} of {measure.words}"
         why = f"how far the estimate of {of} is from a simulation is not known" + (doubt and f": {doubt}")
-    elif error.missed:
+    elif error.has_losses:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
     percent = error_percent(trust, row.trusted_as(p)) * error.times_apart
     if why or isinf(percent):

@@ -12,7 +12,6 @@ from .results.verdicts import decisive_check, name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
-NOT_KNOWN = "how far this estimate is from a simulation is not known"
 
 
 def decide(interval: Interval, limit: float) -> Status:
@@ -62,6 +61,13 @@ def judge(
     )
 
 
+def say_why_open(check: Check) -> str:
+    """Why an estimate leaves a limit open."""
+    close = check.interval[1] is not None
+    far = "how far this estimate is from a simulation is not known"
+    return check.open_because or ("too close to say by estimate" if close else far)
+
+
 def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: str) -> Verdict:
     """Overall status: one failure fails, one open question leaves it open."""
     stated = tuple(_finding(check, basis) for check in checks if check.status != "pass")
@@ -83,10 +89,8 @@ def _finding(check: Check, basis: str) -> Finding:
     estimated = basis.startswith("first order")
     if check.status == "fail":
         closing = ""
-    elif estimated and high is None:
-        closing = f": {check.open_because or NOT_KNOWN}; run `tailstack verify`"
     elif estimated:
-        closing = ": too close to say by estimate; run `tailstack verify`"
+        closing = f": {say_why_open(check)}; run `tailstack verify`"
     elif (level := level_of(check.risk)) is not None:
         closing = f": too close to say, and the number of {level.plural} drawn is fixed; change the limit or the design"
     else:

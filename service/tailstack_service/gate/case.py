@@ -164,8 +164,8 @@ def _compare_cvar(
 ) -> list[LimitComparison]:
     estimates: list[tuple[str, float, tuple[float, float]]] = []
     confidence, limit = requirement.confidence, requirement.limit
+    missed = verification is None and is_of_all_shots(score.verdict)
     if verification is None:
-        missed = is_of_all_shots(score.verdict)
         ratio = inf if missed else 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
             mean = target.cvar95_mm
@@ -183,10 +183,9 @@ def _compare_cvar(
     for name, value, (low, high) in estimates:
         interval = (low, high if high != inf else None)
         status = decide((low, high), limit)
-        why = CVAR_MISSED if verification is None and is_of_all_shots(score.verdict) else ""
         number = GateNumber(
             "cvar", name, "tcp", "pooled", requirement.quantile, value, interval, limit, None, None, status,
-            open_because=why, rule="cvar", error_rate=rate,
+            open_because=CVAR_MISSED if missed else "", rule="cvar", error_rate=rate,
         )  # fmt: skip
         comparisons.append(LimitComparison(requirement, number))
     return comparisons

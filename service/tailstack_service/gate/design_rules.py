@@ -19,7 +19,7 @@ from tailstack.results.verdicts import assumed_sentence, name_all
 from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
-from tailstack.verdict import NOT_KNOWN
+from tailstack.verdict import say_why_open
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
 from .case import Case, LimitComparison, bound_yield
@@ -43,11 +43,8 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
 def find_open_questions(case: Case) -> Iterator[Remark]:
     """Rule inconclusive: limits that an interval holds."""
     for comparison in case.comparisons:
-        held = comparison.number
-        if held.status == "inconclusive":
-            close = NOT_KNOWN if held.interval[1] is None else "too close to say by estimate"
-            why = held.open_because or close
-            hint = f"{why}; gate with --mode auto or verify"
+        if comparison.number.status == "inconclusive":
+            hint = f"{say_why_open(comparison.number)}; gate with --mode auto or verify"
             if (check := case.verification) is not None:
                 hint = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
             yield _make_remark(case, comparison, hint)

@@ -126,19 +126,19 @@ class _PatientTransport:
     """
 
     def __init__(self, transport: asyncio.Transport, connection: h11.Connection) -> None:
-        self._transport, self._connection, self.is_left = transport, connection, False
+        self._transport, self._connection, self._left = transport, connection, False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._transport, name)
 
     def is_closing(self) -> bool:
-        return self.is_left or self._transport.is_closing()
+        return self._left or self._transport.is_closing()
 
     def close(self) -> None:
         if self.is_closing() or self._connection.their_state not in (h11.SEND_BODY, h11.ERROR):
             self._transport.close()
             return
-        self.is_left = True
+        self._left = True
         self._transport.write_eof()
         self._transport.resume_reading()
         asyncio.get_running_loop().call_later(LAST_SECONDS, self._transport.close)

@@ -32,11 +32,9 @@ function withSurface(body: Json): Json {
   return held?.content && named && !named.content && named.file?.split("/").pop() === held.file ? withEdits(body, [{ path: [...path, "content"], value: held.content }]) : body;
 }
 
-/** Ask once nothing has changed for so many milliseconds.  What it returns gives that up, as an effect does at its end: an
- * answer that was coming cannot be read any more, which is no error. */
+/** Ask once nothing has changed for so many milliseconds.  What it returns gives that up, as an effect does at its end. */
 export function askWhenQuiet(quiet: number, ask: (left: AbortSignal) => Promise<void>): () => void {
-  const left = new AbortController(), over = (error: unknown) => { if (!left.signal.aborted) throw error; };
-  const timer = window.setTimeout(() => void ask(left.signal).catch(over), quiet);
+  const left = new AbortController(), timer = window.setTimeout(() => void ask(left.signal), quiet);
   return () => {
     window.clearTimeout(timer);
     left.abort();

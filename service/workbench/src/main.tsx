@@ -149,7 +149,7 @@ function Workbench() {
           <Part title={unsettled.value ? `Comments (${unsettled.value})` : "Comments"} summoned={shownComment.value ?? unsettled.value > 0}><Comments /></Part>
           <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
-          <Part title="As text" open={draft.value !== ""} summoned={shownPointer.value !== null}><Editor /></Part>
+          <Part title="As text" open={draft.peek() !== ""} summoned={shownPointer.value !== null}><Editor /></Part>
           <Part title="Other designs"><Gallery /></Part>
           <Part title="What each lever can reach" open paper><section aria-label="Levers"><Levers /></section></Part>
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>

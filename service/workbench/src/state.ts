@@ -217,19 +217,26 @@ const session = () => sessionStorage;
 let own = ""; // the key of this tab's place
 const LEAVING = 300; // ms in which a page that is loaded anew has left its place
 
-/** Take a place that no other tab has: one that was duplicated begins with the name of its first, and would write over it. */
-async function claim(): Promise<void> {
+/** Take a place that no other tab has: one that was duplicated begins with the name of its first, and would write over it.
+ * Returns where this page, or its first, was before. */
+async function claim(): Promise<string> {
   const { locks } = navigator as { locks?: LockManager }; // none where the page came without encryption from another machine
   const held = async (place: string) => !locks || new Promise<boolean>((tell) => void locks.request(place, { signal: AbortSignal.timeout(LEAVING) }, () => {
     tell(true);
     return new Promise(() => null); // for as long as the page is there
   }).catch(() => tell(false)));
   const fresh = () => `${Date.now()}-${Math.random()}`, place = (tab: string) => `${AUTOSAVE}.${tab}`;
-  let tab = recall(TAB, fresh(), session);
+  const before = recall(TAB, fresh(), session);
+  let tab = before;
   if (!(await held(place(tab)))) await held(place((tab = fresh())));
   remember(TAB, tab, session);
   own = place(tab);
-  const open = new Set((await locks?.query().catch(() => null))?.held?.map(({ name }) => name));
+  return place(before);
+}
+
+/** Forget what was saved longest ago, but for tabs that are open. */
+async function forgetOld(): Promise<void> {
+  const { locks } = navigator as { locks?: LockManager }, open = new Set((await locks?.query().catch(() => null))?.held?.map(({ name }) => name));
   for (const key of savedTabs().filter((each) => !open.has(each)).slice(8)) localStorage.removeItem(key);
 }
 
@@ -263,10 +270,10 @@ function savedUnder(begin: string): string[] {
   }
 }
 
-/** What was last on this page, in this tab or another; false where nothing was. */
-export async function restore(): Promise<boolean> {
-  const before = `${AUTOSAVE}.${recall(TAB, "", session)}`;
-  await claim();
+/** What was last on this page, in this tab or another. */
+export async function restore(): Promise<void> {
+  const before = await claim();
+  void forgetOld(); // it is not waited for
   const places = [recall(before, null, session), ...[before, ...savedTabs()].map((key) => recall(key, null))] as (Kept | null)[];
   for (const kept of places) {
     const sound = Array.isArray(kept?.steps) ? kept.steps.filter((step) => typeof step?.text === "string" && typeof step.what === "string") : [];
@@ -275,10 +282,8 @@ export async function restore(): Promise<boolean> {
       steps.value = sound;
       position.value = Math.min(Math.max(0, Math.trunc(Number(kept!.position)) || 0), sound.length - 1);
     });
-    autosave(); // says so at once where the browser keeps nothing
-    return true;
+    return autosave(); // says so at once where the browser keeps nothing
   }
-  return false;
 }
 
 export const now = () => `${new Date().toISOString().slice(0, 16)}Z`;

@@ -48,19 +48,20 @@ export const brief = (value: number | null | undefined): string =>
 
 const EITHER = /^[-+−]?[1-9]\d{0,2},\d{3}$/; // thousands to some, thousandths to others
 
+/** What is typed without the unit of its field. */
+const bare = (typed: string, unit: string) => (unit && typed.trim().endsWith(unit) ? typed.trim().slice(0, -unit.length) : typed).trim();
+
 /** What is typed as a number: a comma or a point, a minus of either kind, and the unit of the field; null for anything else,
  * what may be a thousand times another too. */
 export function readNumber(typed: string, unit = ""): number | null {
-  let words = typed.trim();
-  if (unit && words.endsWith(unit)) words = words.slice(0, -unit.length).trimEnd();
-  const number = Number(words.replace("−", "-").replace(",", "."));
+  const words = bare(typed, unit), number = Number(words.replace("−", "-").replace(",", "."));
   return /^[-+−]?(\d+[.,]?\d*|[.,]\d+)(e[-+−]?\d+)?$/i.test(words) && !EITHER.test(words) && Number.isFinite(number) ? number : null;
 }
 
 /** Why what is typed is no number. */
 export function whyNoNumber(typed: string, unit = ""): string {
-  const words = typed.trim();
-  return EITHER.test(words.replace(/[^\d,]+$/, "")) ? `“${words}” may be ${words.replace(",", "")} or ${words.replace(",", ".")}: write one of them` : `“${words}” is not a number${unit ? ` in ${unit}` : ""}`;
+  const words = bare(typed, unit);
+  return EITHER.test(words) ? `“${words}” may be ${words.replace(",", "")} or ${words.replace(",", ".")}: write one of them` : `“${typed.trim()}” is not a number${unit ? ` in ${unit}` : ""}`;
 }
 
 export const duration = (seconds: number): string =>

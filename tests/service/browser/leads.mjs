@@ -14,7 +14,7 @@ scenarios.doors = async () => {
     await page.waitForFunction(() => document.querySelectorAll(".own option").length > 2);
     if (arm) await arms.selectOption(arm);
     const limit = page.getByLabel("95 % of all errors within, mm"), wrong = [];
-    for (const typed of ["abc", "1e400", "1,500"]) {
+    for (const typed of found.length ? [] : ["abc", "1e400", "1,500"]) {
       await limit.fill(typed);
       await drop(page, file.name, file.text);
       await page.locator(".message", { hasText: typed }).waitFor();

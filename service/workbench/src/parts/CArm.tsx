@@ -30,8 +30,13 @@ const wrong = signal<ReadonlyMap<string, string>>(new Map());
 export const unread = computed(() => [...wrong.value].map(([words, why]) => `${words}: ${why}`)[0] ?? null);
 
 function Length({ words, unit, value, take }: { words: string; unit: string; value: string; take: (value: number) => void }) {
-  const why = wrong.value.get(words), tell = (told: string | null) => (wrong.value = new Map([...[...wrong.peek()].filter(([own]) => own !== words), ...(told ? [[words, told] as const] : [])]));
-  useEffect(() => () => void tell(null), []);
+  const why = wrong.value.get(words), tell = (told: string | null) => {
+    const all = new Map(wrong.peek());
+    if (told) all.set(words, told);
+    else all.delete(words);
+    wrong.value = all;
+  };
+  useEffect(() => () => tell(null), []);
   return (
     <>
       <label>{`${words}, ${unit} `}

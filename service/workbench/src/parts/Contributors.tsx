@@ -11,7 +11,7 @@ import { cancelGesture, comments, design, edit, finishGesture, gesture, type Jso
 import type { HalfWidth } from "../sample";
 import { before, decimals, decisive, estimated, type Joined, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
-import { NumberField, UNIT } from "./Controls";
+import { NumberField, UNIT, unitOf } from "./Controls";
 import { crossingOf, Curve, drawn } from "./Curve";
 import { stepsOf } from "./grip";
 import { Lock } from "./Limit";
@@ -41,7 +41,7 @@ export function slides(data: Json): Slide[] {
       const at = [...path, Array.isArray(part) ? Number(name) : name];
       if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
         const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
-        found.push({ path: at, ...named([...words, ...what]), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K") });
+        found.push({ path: at, ...named([...words, ...what]), unit: unitOf([name]).replace("rel", "(1)").replace(/^k$/, "K") });
       } else if (name === "half_widths_px" && Array.isArray(value)) {
         value.forEach((_, degree) => found.push({ path: [...at, degree], ...named([...words, `field of degree ${degree}`]), unit: "px" }));
       } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {

@@ -183,7 +183,7 @@ export function Editor() {
     };
     view.scrollDOM.tabIndex = 0; // whoever has no mouse scrolls it, too
     const stopText = effect(() => {
-      const next = text.value;
+      const next = text.value; // read whatever is typed: it is followed
       if (!draft.value && !view.hasFocus) show(next);
     });
     const stopLint = effect(() => {
@@ -198,7 +198,7 @@ export function Editor() {
     view.contentDOM.addEventListener("blur", left);
     const stopShowing = effect(() => {
       if (shownPointer.value === null) return;
-      const [from, to] = rangeOf(parse(text.value).document, shownPointer.value);
+      const [from, to] = rangeOf(parse(text.value).document, shownPointer.value).map((at) => Math.min(at, view.state.doc.length)); // a draft may be shorter
       shownPointer.value = null;
       view.dispatch({ selection: { anchor: from, head: to }, effects: EditorView.scrollIntoView(from, { y: "center" }) });
       host.current!.scrollIntoView({ block: "nearest" });

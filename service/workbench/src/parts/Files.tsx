@@ -146,6 +146,7 @@ export const assumes = signal(false); // a first design was made about points: w
 
 async function takePoints(file: File, format: string, more = ""): Promise<void> {
   const { name } = file;
+  if (!present() && unread.value) return void say(unread.value, true);
   const made = await convert(name, (words) => words.replaceAll(`content.${format}`, name), send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }), async (rule, detail) => {
     const headed = rule === "csv-header" ? withHeader(decode(await file.arrayBuffer()) ?? "") : null;
     if (rule === "several-diameters" && !more) {
@@ -164,7 +165,6 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
   if (!base) {
-    if (unread.value) return void say(unread.value, true);
     begin(firstDesign(points, name, await wishes()), `Open ${name}`);
     assumes.value = true;
     return void say(`${points.length} fiducials of ${name} are in a first design. What nobody stated is assumed, and listed beside the pictures.${notes ? ` ${notes}` : ""}`);

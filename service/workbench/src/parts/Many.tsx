@@ -126,20 +126,18 @@ async function draw(): Promise<void> {
     columns.forEach(({ axis }) => axis?.paths.forEach((path) => (table[pointerOf(path)] = [])));
     for (let k = first; k < first + rows; k += 1) columns.forEach(({ axis, values }) => axis?.place(values[k]).forEach((value, p) => table[pointerOf(axis.paths[p])].push(value)));
     for (;;) {
-      const begin = performance.now(), came = await send("POST", "/v1/scores/batch", { design: data, table, columns: [names.length ? "value" : "p95_mm"] }, {}, left.signal)
-        .then(async (response) => ({ response, answered: response.ok ? ((await response.json()) as { columns: Record<string, Json[]>; why: string }) : null }))
-        .catch(() => null); // nobody answers, or no more in the middle of an answer
+      const begin = performance.now(), response = await send("POST", "/v1/scores/batch", { design: data, table, columns: [names.length ? "value" : "p95_mm"] }, {}, left.signal).catch(() => null);
       if (left.signal.aborted) return;
-      if (!came || came.response.status === 503 || came.response.status === 429) {
-        tell({ state: "waiting", problem: came ? await readRefusal(came.response) : unreachable() });
-        await new Promise((done) => window.setTimeout(done, 1000 * Number(came?.response.headers.get("Retry-After") ?? 0) || AGAIN));
+      if (!response || response.status === 503 || response.status === 429) {
+        tell({ state: "waiting", problem: response ? await readRefusal(response) : unreachable() });
+        await new Promise((done) => window.setTimeout(done, 1000 * Number(response?.headers.get("Retry-After") ?? 0) || AGAIN));
         continue;
       }
-      const { response, answered } = came;
-      if (!answered) {
+      if (!response.ok) {
         tell({ state: "stopped", problem: await readRefusal(response), left: null });
         return left.abort();
       }
+      const answered = (await response.json()) as { columns: Record<string, Json[]>; why: string };
       const own = found.map(({ key }) => Object.entries(answered.columns).filter(([name]) => name.startsWith(`${key}:`)).map(([, values]) => values as (number | null)[])), whys = new Map(state.whys);
       found.forEach(({ values }, c) => { for (let k = 0; k < rows; k += 1) values[first + k] = own[c].every((each) => each[k] !== null) ? Math.max(...own[c].map((each) => each[k]!)) : NaN; });
       for (const why of answered.columns.reason) if (why) whys.set(why, (whys.get(why) ?? 0) + 1);

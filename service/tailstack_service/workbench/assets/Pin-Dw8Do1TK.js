@@ -1,2 +1,0 @@
-import{Pt as e,j as t}from"./api-Bd4KPzAo.js";import{t as n}from"./jsxRuntime-DmXFZP1O.js";var r=e(null),i=(e,n,r)=>t.value.flatMap((t,i)=>!t?.resolved&&t?.bead===e&&t?.contributor===n&&t?.component===r?[{k:i,text:String(t.text??``)}]:[]);function a({bead:e,contributor:t,component:a}){let o=i(e,t,a),s=o.map(({text:e})=>e).join(`
-`);return o.length?n(`button`,{type:`button`,class:`pin`,title:s,"aria-label":`${o.length===1?`A comment`:`${o.length} comments`}: ${s}`,onClick:e=>{e.stopPropagation(),r.value=o[0].k},children:o.length}):null}export{i as n,r,a as t};
