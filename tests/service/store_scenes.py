@@ -118,7 +118,8 @@ def claim_one(db: Database, worker_id: str = "w1", **changes: Any) -> Claim:
 
 
 def record(db: Database, held: Claim, max_job_seconds: float = 3_600.0, **outcome: Any) -> bool:
-    return queue.record(db, held, Outcome(**({"cpu_seconds": 0.5} | outcome)), max_job_seconds=max_job_seconds)
+    endings = [(held, Outcome(**({"cpu_seconds": 0.5} | outcome)))]
+    return queue.record(db, endings, max_job_seconds=max_job_seconds)[0]
 
 
 def specs(count: int) -> tuple[bytes, ...]:

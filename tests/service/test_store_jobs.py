@@ -238,6 +238,45 @@ def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store:
         assert [len(one.results) for one in claim(store, limit=9)] == [8]
 
 
+def test_units_of_one_job_are_recorded_together_each_only_where_it_is_still_held(store: Database, clock: Clock) -> None:
+    """Written together or one by one, the job is told the same; a second time changes nothing."""
+
+    def state(of: Job) -> tuple[object, ...]:
+        found = find(store, of)
+        rows = [(row.number, row.advance, row.state) for row in store_scenes.unit_rows(store, of)]
+        return found.state, found.units_done, found.cpu_seconds, rows, [each[1:] for each in told(store, of)]
+
+    ended: list[tuple[Any, ...]] = []
+    for together in (True, False):
+        job = split(store, 3)
+        first, lost, last = claim(store, limit=3)
+        queue.release(store, lost, died=False)
+        again = claim_one(store, "w2")
+        assert again.index == lost.index
+        outcome = Outcome(cpu_seconds=0.5, result=b"x")
+        endings = [(one, outcome) for one in (first, lost, last)]
+        for _ in range(2):
+            groups = [endings] if together else [[each] for each in endings]
+            written = [each for group in groups for each in queue.record(store, group, max_job_seconds=3600.0)]
+            assert written == [True, False, True]
+        assert (find(store, job).units_done, find(store, job).cpu_seconds) == (3, 1.5)
+        assert queue.record(store, [(again, outcome)], max_job_seconds=3600.0) == [True]
+        ended.append(state(job))
+        finish(store)
+    assert ended[0] == ended[1]
+    assert ended[0][3][-1] == (4, True, "ready")
+
+
+def test_one_outcome_that_cannot_be_leaves_all_of_them_unwritten(store: Database) -> None:
+    job = split(store, 2)
+    first, last = claim(store, limit=2)
+    before = find(store, job)
+    endings = [(first, Outcome(cpu_seconds=0.5, result=b"x")), (last, Outcome(cpu_seconds=0.5))]
+    with pytest.raises(ValueError, match=job.id):
+        queue.record(store, endings, max_job_seconds=3600.0)
+    assert find(store, job) == before
+
+
 @pytest.mark.parametrize(
     ("advance", "outcome"),
     [
@@ -416,7 +455,7 @@ def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
     assert record(store, claim_one(store), more=specs(1), note="a\0b\ud800")
     assert find(store, job).note == "a\ufffdb?"
     odd = json.dumps({"type": "/v1/problems/infeasible", "detail": "nul \0 and \ud800"}).encode()
-    assert queue.record(store, claim_one(store), Outcome(0.0, problem=odd), max_job_seconds=1.0)
+    assert record(store, claim_one(store), problem=odd)
     assert store_scenes.problem_of(find(store, job))["detail"] == "nul \0 and \ud800"
 
 

@@ -188,11 +188,11 @@ def test_a_late_record_is_refused(
     db, _ = by_turned_clock(db)  # there is no beat, by which it would notice its loss
     submitted, record = submit(db, request()), queue.record
 
-    def taken_over(store: Database, claim: queue.Claim, *arguments: Any, **options: Any) -> bool:
+    def taken_over(store: Database, *arguments: Any, **options: Any) -> list[bool]:
         with writing(store) as connection:
             held = tables.units.c.number == 1
             connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
-        return record(store, claim, *arguments, **options)
+        return record(store, *arguments, **options)
 
     monkeypatch.setattr(queue, "record", taken_over)
     with working(db):

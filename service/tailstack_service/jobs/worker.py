@@ -67,12 +67,14 @@ class Computation:
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """What a claim came to, to be written by ``write``, which says whether the unit was still this worker's."""
+    """What a claim came to, to be written."""
 
     claim: Claim
     action: str  # for the log, and what happened to the unit in words
     words: str
-    write: Callable[[], bool]
+    outcome: Outcome | None = None  # None: it is given back
+    died: bool = False  # a process died of it
+    why: str = ""
 
 
 def log_unit(level: int, action: str, claim: Claim, words: str, **fields: Any) -> None:
@@ -275,35 +277,40 @@ class Worker:
             self._rest_until = self._clock.monotonic() + self._rest_seconds
             self._rest_seconds = min(2 * self._rest_seconds, LONGEST_REST)
 
-        def release() -> bool:
-            queue.release(self._db, claim, died=died, why=why if error else "")
-            return True
-
-        return Ending(claim, "released", "is given back, for any worker to claim", release)
+        return Ending(claim, "released", "is given back, for any worker to claim", None, died, why if error else "")
 
     def _conclude_with(self, claim: Claim, outcome: Outcome) -> Ending:
-        def record() -> bool:
-            try:
-                return queue.record(self._db, claim, outcome, max_job_seconds=self._settings.max_job_seconds)
-            except ValueError as error:
-                defect = report_defect(claim, error)
-                return queue.record(self._db, claim, defect, max_job_seconds=self._settings.max_job_seconds)
-
+        try:
+            queue.require_fitting(claim, outcome)
+        except ValueError as error:
+            outcome = report_defect(claim, error)
         if outcome.answer is not None or outcome.problem is not None:
-            return Ending(claim, "job-ended", "is recorded, and the job has ended with it", record)
-        return Ending(claim, "recorded", "is recorded", record)
+            return Ending(claim, "job-ended", "is recorded, and the job has ended with it", outcome)
+        return Ending(claim, "recorded", "is recorded", outcome)
 
     def _write_endings(self) -> None:
         while self._endings:
-            ending = self._endings[0]
-            written = ending.write()
-            self._endings.popleft()
-            self._computations.pop(ending.claim.key, None)
-            if not written:
-                log_unit(logging.INFO, "late", ending.claim, "is no longer this worker's; nothing is written")
+            first = self._endings[0]
+            if first.outcome is None:
+                queue.release(self._db, first.claim, died=first.died, why=first.why)
+                written = [True]
             else:
-                level = logging.INFO if ending.action == "job-ended" else logging.DEBUG
-                log_unit(level, ending.action, ending.claim, ending.words)
+                outcomes = []  # and what else has ended of the same job: some are written nearly as quickly as one
+                for each in self._endings:
+                    if each.outcome is None or each.claim.job_id != first.claim.job_id:
+                        break
+                    outcomes.append((each.claim, each.outcome))
+                written = queue.record(self._db, outcomes, max_job_seconds=self._settings.max_job_seconds)
+            for was_ours in written:
+                self._leave_claim(self._endings.popleft(), was_ours)
+
+    def _leave_claim(self, ending: Ending, was_ours: bool) -> None:
+        self._computations.pop(ending.claim.key, None)
+        if not was_ours:
+            log_unit(logging.INFO, "late", ending.claim, "is no longer this worker's; nothing is written")
+        else:
+            level = logging.INFO if ending.action == "job-ended" else logging.DEBUG
+            log_unit(level, ending.action, ending.claim, ending.words)
 
     # --- in the thread of the heartbeat -----------------------------------------------------------
 

@@ -309,43 +309,50 @@ _FREE = _KNOWN.where(_UNIT.worker_id == sa.bindparam("by_worker")).with_for_upda
 _PROLONG = sa.update(tables.units).where(_OF_UNIT).values(lease_until=sa.bindparam("until"))
 
 
-def record(db: Database, claim: Claim, outcome: Outcome, *, max_job_seconds: float) -> bool:
-    """Write what the unit came to, and everything that follows from it, in one transaction.
+def record(db: Database, endings: Sequence[tuple[Claim, Outcome]], *, max_job_seconds: float) -> list[bool]:
+    """Write what units of one job came to, and everything that follows from it, in one transaction.
 
-    True if this claim is recorded, by this call or by an earlier one whose commit was not heard of: it may be called
-    again after StoreUnavailable.  False if the unit is no longer this claim's; then nothing was written.  A job whose
-    units took more than ``max_job_seconds`` of CPU fails.  Raises ValueError for an outcome that the unit cannot have.
+    Of each: True if this claim is recorded, by this call or by an earlier one whose commit was not heard of: it may be
+    called again after StoreUnavailable.  False if the unit is no longer this claim's; then nothing was written of it.
+    A job whose units took more than ``max_job_seconds`` of CPU fails.  Raises ValueError for an outcome that its unit
+    cannot have.
     """
-    _require_fitting(claim, outcome)
+    for claim, outcome in endings:
+        require_fitting(claim, outcome)
     with writing(db) as connection:
-        job = _lock_job(connection, claim)
-        if job is None:
-            return False
-        sha256 = None if outcome.result is None else digest(outcome.result)
-        values = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
-        if job.state not in tables.UNFINISHED or not _end_claim(connection, claim, "recorded", **values):
-            return bool(connection.execute(_WAS_RECORDED, _bind_claim(claim)).scalar_one())
-        at = now(db, connection)
-        cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
-        changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
-        count_unit(db, connection, job.tenant, at, outcome.cpu_seconds)
-        if outcome.problem is not None:
-            end_job(connection, job, at, "failed", problem=outcome.problem, **changes)
-        elif outcome.answer is not None:
-            name = store_result(db, connection, job.kind, outcome.answer, at)
-            changes["units_expected"] = changes["units_done"]
-            end_job(connection, job, at, "succeeded", result_sha256=name, **changes)
-        elif cpu_seconds > max_job_seconds:
-            detail = f"the job took more than {max_job_seconds:g} CPU seconds"
-            hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
-            problem = render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
-            end_job(connection, job, at, "failed", problem=problem, **changes)
-        else:
-            _continue_job(connection, claim, outcome, job, at, changes)
+        return [_record(db, connection, claim, outcome, max_job_seconds) for claim, outcome in endings]
+
+
+def _record(db: Database, connection: Connection, claim: Claim, outcome: Outcome, max_job_seconds: float) -> bool:
+    job = _lock_job(connection, claim)
+    if job is None:
+        return False
+    sha256 = None if outcome.result is None else digest(outcome.result)
+    values = {"result": outcome.result, "result_sha256": sha256, "cpu_seconds": outcome.cpu_seconds}
+    if job.state not in tables.UNFINISHED or not _end_claim(connection, claim, "recorded", **values):
+        return bool(connection.execute(_WAS_RECORDED, _bind_claim(claim)).scalar_one())
+    at = now(db, connection)
+    cpu_seconds = job.cpu_seconds + outcome.cpu_seconds
+    changes = {"units_done": job.units_done + 1, "cpu_seconds": cpu_seconds}
+    count_unit(db, connection, job.tenant, at, outcome.cpu_seconds)
+    if outcome.problem is not None:
+        end_job(connection, job, at, "failed", problem=outcome.problem, **changes)
+    elif outcome.answer is not None:
+        name = store_result(db, connection, job.kind, outcome.answer, at)
+        changes["units_expected"] = changes["units_done"]
+        end_job(connection, job, at, "succeeded", result_sha256=name, **changes)
+    elif cpu_seconds > max_job_seconds:
+        detail = f"the job took more than {max_job_seconds:g} CPU seconds"
+        hint = "ask for less (trials, starts, points); the operator's setting is TAILSTACK_MAX_JOB_SECONDS"
+        problem = render_problem(LimitError(Problem("", "job-too-long", detail, hint)))
+        end_job(connection, job, at, "failed", problem=problem, **changes)
+    else:
+        _continue_job(connection, claim, outcome, job, at, changes)
     return True
 
 
-def _require_fitting(claim: Claim, outcome: Outcome) -> None:
+def require_fitting(claim: Claim, outcome: Outcome) -> None:
+    """Raise ValueError for an outcome that the unit cannot have."""
     parts = [outcome.result is not None, bool(outcome.more), outcome.answer is not None, outcome.problem is not None]
     fits = (False, True, True, True) if claim.spec == ADVANCE else (True, False, False, True)
     if sum(parts) != 1 or not fits[parts.index(True)]:
