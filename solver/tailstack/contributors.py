@@ -107,7 +107,11 @@ class ErrorLaw:
     worst: WorstCase
     columns: Columns  # of every source
     law: LinearLaw
-    total_covariance: Array  # (3, 3) mm^2, of all random sources
+
+    @property
+    def total_covariance(self) -> Array:
+        """(3, 3) mm^2, of all random sources."""
+        return self.law.total_covariance
 
 
 Value = Callable[[LinearLaw], float]  # of a law, in its unit
@@ -135,8 +139,7 @@ def error_law(model: ErrorModel, error: str, quantile: float, value: Value | Non
     columns = columns_of(model, error)
     law = law_of(model.bias_mm(error), columns)
     worst = worst_case(model, error, quantile, law=law, value=value)
-    law = replace(law, mean=worst.mean_mm)
-    return ErrorLaw(error, worst, columns, law, law.total_covariance)
+    return ErrorLaw(error, worst, columns, replace(law, mean=worst.mean_mm))
 
 
 def risk_of_units(
@@ -211,6 +214,7 @@ def _bounded_sources(model: ErrorModel, without: frozenset[tuple[str, int]] = fr
     return [
         (block, j)
         for block in model.blocks
+        if Law.BOUNDED in block.laws
         for j, bounded in enumerate(block.effect.sources.are_bounded)
         if bounded and (block.contributor, j) not in without
     ]

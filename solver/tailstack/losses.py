@@ -31,7 +31,6 @@ from .propagation.linear import (
     ErrorModel,
     LinearModel,
     chain_of,
-    effects_of_images,
     join,
     linearise_all,
     linearise_at,
@@ -42,7 +41,7 @@ from .propagation.noise import LossGains, gains_of_images, lose
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
 from .results.verdicts import P95
-from .system import Effect, System, Way
+from .system import System, Way
 from .tail.approximation import Ranking, Rest, columns_in_cumulants, rank_losses
 from .tail.bounded import worst_case
 from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, OneSidedLaw, find_radius, law_quantile
@@ -201,14 +200,9 @@ class LossSearch:
         self._losses: dict[int, LossGains] = {}
 
     @cached_property
-    def _of_images(self) -> tuple[Effect, ...]:
-        """Whose sources act through single images."""
-        return effects_of_images(self.system)
-
-    @cached_property
     def _std(self) -> Array:
         """(M,) of every source that acts through single images."""
-        return np.concatenate([effect.sources.std for effect in self._of_images])
+        return np.concatenate([effect.sources.std for effect in self.chain.of_images])
 
     @cached_property
     def _moved_together(self) -> tuple[Array, Array]:
@@ -228,7 +222,7 @@ class LossSearch:
             for j, (name, error, end) in enumerate(self.joined):
                 for target, turn, _ in self._parts(name, error):
                     joints[j, self.place[target]] = turn[3 * end : 3 * end + 3]
-            apart = np.concatenate([np.full(each.sources.count, each.of_target) for each in self._of_images])
+            apart = np.concatenate([np.full(each.sources.count, each.of_target) for each in self.chain.of_images])
             lose(self.chain.imaging, aims, joints, apart, shifts, self._std, weights, gains[1:])
             self._losses[lost] = gains
         return self._losses[lost]
@@ -428,15 +422,17 @@ class LossSearch:
 
     def _join_columns(self, columns: Sequence[Array]) -> Array:
         """What several targets (3, M) have in common as sums, what each has of its own side by side, by effect."""
-        ends = np.cumsum([effect.sources.count for effect in self._of_images])[:-1]
+        ends = np.cumsum([effect.sources.count for effect in self.chain.of_images])[:-1]
         parts = zip(*(np.split(each, ends, axis=1) for each in columns), strict=True)
-        pairs = zip(self._of_images, parts, strict=True)
+        pairs = zip(self.chain.of_images, parts, strict=True)
         return np.hstack([np.hstack(each) if effect.of_target else np.sum(each, axis=0) for effect, each in pairs])
 
     def _find_effects(self, name: str, error: str) -> tuple[NDArray[np.str_], NDArray[np.bool_]]:
         """(K,) of each source, in the order of the blocks, how its gains are found, and whether it is one of many."""
-        every = [block.effect for block in self.every[name, error].blocks for _ in block.laws]
-        return np.array([effect.way for effect in every]), np.array([effect.is_grouped for effect in every])
+        every = [block.effect for block in self.every[name, error].blocks]
+        counts = [effect.sources.count for effect in every]
+        ways, grouped = [effect.way for effect in every], [effect.is_grouped for effect in every]
+        return np.repeat(ways, counts), np.repeat(grouped, counts)
 
     def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...], end: int) -> Rest:
         each = [self._find_rest_at(name, error, quantile, slice(3 * end, 3 * end + 3)) for name in targets]

@@ -354,10 +354,8 @@ def _score_metrics(
     system: System, models: dict[str, LinearModel], search: LossSearch | None
 ) -> dict[tuple[str, str], ErrorScore]:
     """Every measure wherever it is read, by the names of site and measure."""
-    return {
-        (name, error): _score_error(system, model, error, search)
-        for (name, error), model in models_of(system, models).items()
-    }
+    every = models_of(system, models) if search is None else search.every
+    return {(name, error): _score_error(system, model, error, search) for (name, error), model in every.items()}
 
 
 def _score_error(system: System, model: ErrorModel, error: str, search: LossSearch | None) -> ErrorScore:

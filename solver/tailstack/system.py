@@ -506,7 +506,7 @@ class Requirement:
         return self.quantile if self.min_yield is None else self.min_yield
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class System:
     """A design, compiled.  Immutable; every array is read-only."""
 
@@ -565,7 +565,7 @@ class System:
         """The effects that move the images of all fiducials of a view together."""
         return tuple(effect for effect in self.effects if effect.way is Way.SHARED)
 
-    @property
+    @cached_property
     def believed_errors(self) -> tuple[DirectEffect | None, ...]:
         """For each view the error of the intrinsics that its estimate believes; None where there is none."""
         if not self.estimator.believes_intrinsics:
@@ -585,7 +585,7 @@ class System:
                 out[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
         return out
 
-    @property
+    @cached_property
     def errors_of_points(self) -> tuple[DirectEffect, ...]:
         """Noise of the images, view by view, and manufacturing errors of the fiducials, if there are any: what each
         point has of its own."""
@@ -623,12 +623,12 @@ class System:
         labels = self.fiducial_labels
         return np.array([[view.sees is None or label in view.sees for label in labels] for view in self.views], float)
 
-    @property
+    @cached_property
     def metrics(self) -> tuple[Metric, ...]:
         """Every measure wherever it is read."""
         return metrics_of(self)
 
-    @property
+    @cached_property
     def derived_metrics(self) -> tuple[Metric, ...]:
         """The last of ``metrics``: of what is made of the errors at targets."""
         return derived_of(self)

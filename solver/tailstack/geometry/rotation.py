@@ -56,21 +56,17 @@ def skew(vector: Array) -> Array:
     return out
 
 
+# What turns about x, y, z: what stays, what a cosine is of, what a sine is of; (3, 3, 3), axis first.
+_TURNING = skew(np.eye(3))
+_ALONG = np.eye(3) - _TURNING @ np.swapaxes(_TURNING, -1, -2)
+_PLANE = np.eye(3) - _ALONG
+
+
 def _axis_rotations(angles: Array) -> tuple[Array, Array]:
     """Rx, Ry, Rz stacked (..., 3, 3, 3), and the derivative of each by its own angle."""
-    a = np.asarray(angles, dtype=float)
+    a = np.asarray(angles, dtype=float)[..., None, None]
     c, s = np.cos(a), np.sin(a)
-    rotation = np.zeros((*a.shape, 3, 3))
-    derivative = np.zeros((*a.shape, 3, 3))
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        ca, sa = c[..., axis], s[..., axis]
-        rotation[..., axis, axis, axis] = 1.0
-        rotation[..., axis, j, j] = rotation[..., axis, k, k] = ca
-        rotation[..., axis, k, j], rotation[..., axis, j, k] = sa, -sa
-        derivative[..., axis, j, j] = derivative[..., axis, k, k] = -sa
-        derivative[..., axis, k, j], derivative[..., axis, j, k] = ca, -ca
-    return rotation, derivative
+    return _ALONG + c * _PLANE + s * _TURNING, c * _TURNING - s * _PLANE
 
 
 def rotation_xyz(angles: Array, form: RotationForm = RotationForm.FULL) -> Array:

@@ -196,12 +196,12 @@ def mounts_of(
     return Mounts(first, undone, second, third, system.T_tcp_con, system.reading, system.execution.known)
 
 
-class SeatMove(NamedTuple):
-    """The structure's mount moved a little along one direction of what it varies by, in which it turns."""
+class SeatMoves(NamedTuple):
+    """The structure's mount moved a little along each of the n directions of what it varies by, in which it turns."""
 
-    displaced: Displacement
-    imaging: Imaging
-    back: Array  # (3, 3) from there into the frame of the chain's points
+    displaced: Displacement  # (n, ...)
+    imaging: tuple[Imaging, ...]  # n
+    back: Array  # (n, 3, 3) from there into the frame of the chain's points
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,17 +217,22 @@ class Chain:
     of_images: tuple[Effect, ...]  # ``effects_of_images``
 
     @cached_property
-    def seat_moves(self) -> tuple[SeatMove, ...]:
+    def seat_moves(self) -> SeatMoves:
         """Of which ``gains_moved_by_seat`` asks at every target."""
-        system, mount, moves = self.system, self.system.structure_connector, []
+        system, mount = self.system, self.system.structure_connector
         axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
-        for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
-            first = displacement(mount.known + _STEP * direction, mount.pivot_mm, system.rotation_form)
-            geometry = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
-            physical = system.reading is Reading.PHYSICAL
-            back = self.mounts.undone @ first.rotation if physical else self.mounts.first.rotation @ first.rotation.T
-            moves.append(SeatMove(first, imaging_of(system, *geometry), back))
-        return tuple(moves)
+        directions = (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T
+        first = displacement(mount.known + _STEP * directions, mount.pivot_mm, system.rotation_form)
+        projections, *others = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
+        points, per_error = (np.broadcast_to(each, (len(directions), *each.shape[-2:])) for each in others)
+        geometries = zip(projections, points, per_error, strict=True)
+        imaging = tuple(
+            self.imaging._replace(projections=each, points=points.copy(), per_error=per_error.copy())
+            for each, points, per_error in geometries
+        )
+        if system.reading is Reading.PHYSICAL:
+            return SeatMoves(first, imaging, self.mounts.undone @ first.rotation)
+        return SeatMoves(first, imaging, self.mounts.first.rotation @ np.swapaxes(first.rotation, -1, -2))
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
@@ -518,12 +523,13 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
     system = chain.system
     spread = np.concatenate([each.sources.spread for each in chain.of_images])
     square, still = 0.0, np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2, 0))
-    for first, imaging, back in chain.seat_moves:
-        if system.reading is Reading.PHYSICAL:
-            reconstructed = np.asarray(np.linalg.solve(first.rotation, target_mm - first.shift_mm), dtype=np.float64)
-        else:
-            reconstructed = first.move(target_mm)
-        beside, _ = gains_of_images(imaging, chain.weights, reconstructed, still)
+    first, each, backs = chain.seat_moves
+    if system.reading is Reading.PHYSICAL:
+        reconstructed = np.linalg.solve(first.rotation, (target_mm - first.shift_mm)[..., None])[..., 0]
+    else:
+        reconstructed = first.move(target_mm)
+    for imaging, aim, back in zip(each, reconstructed, backs, strict=True):
+        beside, _ = gains_of_images(imaging, chain.weights, aim, still)
         change = (back @ beside[:, : at_rest.shape[1]] - at_rest) * (spread / _STEP)
         square += float((change * change).sum())
     return square
