@@ -315,6 +315,11 @@ class LossSearch:
         masks, weights, examined = self._patterns(error, quantile, (name,))
         return self._mix(name, error, quantile, masks, weights / examined)
 
+    def law_of_shots(self, name: str, error: str, quantile: float) -> MixedLaw:
+        """The same as ``shots`` have it: the first of its laws is that of no loss."""
+        masks, weights, _ = self._patterns(error, quantile, (name,))
+        return self._mix(name, error, quantile, masks, weights)
+
     def _find_shots(self, name: str, error: str, quantile: float) -> Shots:
         masks, weights, examined = self._patterns(error, quantile, (name,))
         targets = self.metrics[name, error].site.weights

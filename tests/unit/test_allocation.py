@@ -84,6 +84,12 @@ CASES = {
     "several statistics": (example("mean_and_tail"), "tail", 0.6, ()),
     "steps that swing": (clipped(), "each-unit", 0.9359, ()),
 }
+MISSED = {
+    "missed fiducials": (example("demo", fiducials__loss_probability=0.03), "tip-accuracy", 0.8, ()),
+    "a mean, missed fiducials": (
+        example("mean_and_tail", fiducials__loss_probability=0.01), "mean-accuracy", 0.33, (),
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.long("per unit", "steps that swing")
@@ -98,11 +104,12 @@ def test_it_costs_what_the_optimiser_finds_at_that_layout(name: str) -> None:
     assert found.cost_after == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", ["one requirement", "several statistics"])
+@pytest.mark.long("a mean, missed fiducials")
+@pytest.mark.parametrize("name", ["one requirement", "several statistics", *MISSED])
 def test_no_change_of_the_half_widths_is_cheaper(name: str) -> None:
     """independent: first-order conditions by finite differences of ``score``: every half-width between its bounds gives
     the same cost for the same part of the limit."""
-    design, requirement, limit, _ = CASES[name]
+    design, requirement, limit, _ = (CASES | MISSED)[name]
     (place,) = [k for k, each in enumerate(design.document.requirements) if each.name == requirement]
     found = allocate(design, limit=limit, requirement=requirement)
     worth = []
@@ -216,8 +223,11 @@ REFUSALS: dict[str, tuple[Design, dict[str, Any], str, str]] = {
         example("demo"), {"locked": ["structure_connector", "connector_flange"]}, "not-allocated", "lock fewer",
     ),
     "a limit that is none": (example("demo"), {"limit": -1.0}, "out-of-range", "-1"),
-    "missed fiducials": (
-        example("demo", fiducials__loss_probability=0.02), {}, "not-allocated", "in 22 % of shots a fiducial is missed",
+    "missed fiducials, of each unit": (
+        example("locators_321", fiducials__loss_probability=0.02), {}, "not-allocated", "of units at target 'centre'",
+    ),
+    "more missed than a limit leaves": (
+        example("demo", fiducials__loss_probability=0.1), {}, "not-allocated", "too few fiducials for P95 at target",
     ),
     "nothing free": (example("demo", optimise={"box": BOX}), {}, "not-allocated", "free some by bounds"),
 }  # fmt: skip

@@ -12,18 +12,20 @@ from typing import Literal
 
 import numpy as np
 
+from ..contributors import read_value
 from ..design import Design
 from ..design.compile import loss_probabilities
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..losses import probability_of_none, without_fiducials
-from ..propagation.linear import Chain, ErrorModel, chain_of
+from ..losses import LossSearch, without_fiducials
+from ..propagation.linear import Chain, ErrorModel, chain_of, linearise_all
 from ..results import ChangedTolerance, Provenance
 from ..results.record import Published
 from ..scoring import provenance
 from ..system import Law
+from ..tail.declared import LawReading
 from .closed_limits import close_limits
 from .contradictions import refuse_contradictions
 from .exact_law import ExactQuantile, exact_quantile, law_slopes
@@ -88,18 +90,20 @@ def allocate(
     limit: of a requirement, in the unit of its measure, in place of the one that the design states; requirement: its
     name, where several are asked for.  locked: half-widths that stay, as CONTRIBUTOR.COMPONENT, or all of a
     CONTRIBUTOR.  To first order, as :func:`tailstack.score`; nothing is simulated.  Raises DesignError (nothing is
-    free, grades, fiducials missed, no such requirement or half-width), IllPosedError, NotConvergedError.
+    free, grades, no such requirement or half-width, what no estimate is known of where fiducials are missed),
+    IllPosedError, NotConvergedError.
     """
     with locate_refusals(design):
         problem, asked = _read(design, limit, requirement, set(locked))
         refuse_contradictions(problem)
         check_geometry(problem.system)
-        held = _hold_all(problem, problem.demands)
+        missed = loss_probabilities(design.document.fiducials, len(problem.system.fiducials_mm))
+        held = _count_losses(problem, _hold_all(problem, problem.demands), problem.lower, missed)
         least = _Readings(problem, held, problem.lower).decide(asked)
-        within = max(each.ratio for each in least) <= 1 - AIM
-        best = _find(problem, held, least) if within else None
-        now, found = (best.half_width, best.decide(asked)) if best else (problem.lower, least)
-        return _report(problem, asked, least, found, now, list(locked))
+        now, found = problem.lower, least
+        if max(each.ratio for each in least) <= 1 - AIM:
+            now, found = _settle(problem, held, least, asked, missed)
+        return _report(problem, asked, least, found, now, list(locked), bool(missed))
 
 
 def _read(
@@ -124,11 +128,6 @@ def _read(
         raise DesignError(Problem("/requirements", "unknown-requirement", detail, hint))
     if limit is not None and not 0 < limit < np.inf:
         raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
-    if missed := loss_probabilities(design.document.fiducials, len(request.problem.system.fiducials_mm)):
-        share = 1 - probability_of_none(missed)
-        detail = f"in {100 * share:.2g} % of shots a fiducial is missed, and half-widths alone are found for the others"
-        hint = "tailstack optimise holds its limits against all shots"
-        raise DesignError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))
     name = known[0] if len(known) == 1 else name
     wanted = request.problem.requirements
     if limit is not None:
@@ -144,6 +143,7 @@ class _Held:
     demand: QuantileConstraint
     model: ErrorModel
     places: tuple[tuple[int, int], ...]  # K: of each free half-width its block, and its source in that
+    times: float = 1.0  # its value over all shots by that of those that miss no fiducial
 
     @property
     def levers(self) -> Array:
@@ -181,7 +181,7 @@ class _Reading:
     @property
     def ratio(self) -> float:
         """Its value over its limit."""
-        return self.exact.value_mm / self.held.demand.requirement.limit
+        return self.exact.value_mm * self.held.times / self.held.demand.requirement.limit
 
     def slopes(self) -> Array:
         """(K,) of the logarithm of its value by that of each half-width, to 1e-4: the cost is wrong by the square."""
@@ -217,6 +217,38 @@ def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) 
         own = tuple(at[free.contributor, free.component] for free in problem.half_widths)
         held.append(_Held(demand, model, own))
     return held
+
+
+def _count_losses(
+    problem: PlacementProblem, held: Sequence[_Held], half_width: Array, missed: tuple[float, ...]
+) -> list[_Held]:
+    """With ``times`` at half-widths (K,); missed: probability of each fiducial, or ().  Raises DesignError."""
+    if not missed:
+        return list(held)
+    system = apply_choice(problem, replace(present_choice(problem), half_width=half_width))
+    chain, counted = chain_of(replace(system, loss_probability=missed)), []
+    search = LossSearch(chain, linearise_all(chain))
+    for each in held:
+        demand, asked = each.demand, each.demand.requirement
+        if demand.lost:
+            counted.append(each)
+            continue
+        if demand.is_nested or not demand.is_point:
+            raise _refuse_losses(f"no estimate is known of {demand.text} where fiducials are missed")
+        law = search.law_of_shots(demand.site.name, asked.error, asked.quantile)
+        none = read_value(asked, LawReading(law.laws[0], asked.quantile, asked.limit))
+        row, value = asked.row, law.quantile(asked.quantile)
+        if not row.by_quantile and row.of_law is not None:
+            value = row.of_law(law.summary(asked.quantile, asked.limit)) or 0.0
+        if value == np.inf:
+            raise _refuse_losses(f"too many shots leave too few fiducials for {demand.text} to have a bound")
+        counted.append(replace(each, times=value / none if none else 1.0))
+    return counted
+
+
+def _refuse_losses(detail: str) -> DesignError:
+    hint = "tailstack optimise holds its limits against all shots; without loss_probability those that miss none count"
+    return DesignError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))
 
 
 class _Readings:
@@ -261,6 +293,28 @@ class _Readings:
             tops = []
         exactly = {each.held for each in (*tops, *highest)} | {each.held for each in every if each.may_reach(1.0)}
         return [self.at(t, fine=each.held in exactly) for t, each in enumerate(every)]
+
+
+def _settle(
+    problem: PlacementProblem,
+    held: Sequence[_Held],
+    least: Sequence[_Reading],
+    asked: str | None,
+    missed: tuple[float, ...],
+) -> tuple[Array, list[_Reading]]:
+    """The half-widths (K,) of :func:`_find`, and all limits there.
+
+    What missed fiducials add hardly depends on the half-widths: it is counted where they led to, and they are found
+    again, until it is what was reckoned with.  Raises NotConvergedError.
+    """
+    for _ in range(MOST_STEPS):
+        best = _find(problem, held, least)
+        found, counted = best.decide(asked), _count_losses(problem, held, best.half_width, missed)
+        more = np.array([now.times / before.times - 1 for now, before in zip(counted, held, strict=True)])
+        if (more <= 0).all() and (more >= -2 * SHORT).all():
+            return best.half_width, [replace(each, held=own) for each, own in zip(found, counted, strict=True)]
+        held = [replace(each, times=each.times * (1 + SHORT)) for each in counted]
+    raise _not_converged("what missed fiducials add was not settled")
 
 
 def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Reading]) -> _Readings:
@@ -312,8 +366,12 @@ def _find(problem: PlacementProblem, held: Sequence[_Held], least: Sequence[_Rea
             if largest <= 1 and (largest >= 1 - SHORT or foreseen):  # what is left is what was rounded down
                 return readings
         found = end
-    detail = f"the least cost within the limits was not found in {MOST_STEPS} steps"
-    raise NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
+    raise _not_converged("the least cost within the limits was not found")
+
+
+def _not_converged(what: str) -> NotConvergedError:
+    detail = f"{what} in {MOST_STEPS} steps"
+    return NotConvergedError(Problem("/optimise", "allocation-not-converged", detail, "report the design"))
 
 
 def _round(problem: PlacementProblem, half_width: Array) -> Array:
@@ -328,8 +386,10 @@ def _report(
     found: Sequence[_Reading],
     now: Array,
     locked: Sequence[str],
+    missed: bool,
 ) -> Allocation:
-    """least, found: all limits at the least half-widths, and at those that were found, now (K,)."""
+    """least, found: all limits at the least half-widths, and at those that were found, now (K,); missed: whether they
+    are on shots that miss fiducials, too."""
     before = present_choice(problem).half_width
     asked = asked or max(found, key=lambda each: each.ratio).held.demand.requirement.name
     own = [t for t, each in enumerate(found) if each.held.demand.requirement.name == asked]
@@ -357,7 +417,7 @@ def _report(
         held_by=(most := max(shares, key=shares.__getitem__)),
         held_label=next((block.label for block in tightest.model.blocks if block.contributor == most), ""),
         held_share=shares[most] / sum(shares.values()),
-        provenance=provenance(problem.system),
+        provenance=provenance(problem.system, missed=missed),
     )
 
 
