@@ -36,6 +36,7 @@ from tailstack.optimisation.problem import PlacementProblem, present_choice
 from tailstack.optimisation.request import read_request
 from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import DemandTerms, every_terms
+from tailstack.results.digits import at_most
 from tailstack.tail.declared import law_quantile
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -158,7 +159,7 @@ def table(rows: list[Row]) -> str:
     bounded = [row for row in rows if row.bound_mm is not None]
     for row in bounded:
         told = [_percent(getattr(row, column)) for column in COLUMNS]
-        lines.append(f"| {row.design} | {row.bound_mm:.4g} | {' | '.join(told)} |")
+        lines.append(f"| {row.design} | {at_most(row.bound_mm)} | {' | '.join(told)} |")
     middle = [
         median([value for row in bounded if (value := getattr(row, column)) is not None] or [inf]) for column in COLUMNS
     ]

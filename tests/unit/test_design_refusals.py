@@ -94,6 +94,12 @@ def test_numbers_that_yaml_reads_two_ways_are_refused():
         assert text in problems[0].detail
 
 
+def test_a_whole_number_that_came_as_a_float_is_told_as_one():
+    for given, hint in ((1e5, "write 100000"), (2.5, "")):
+        (problem,) = refused(replaced(DEMO, ("optimise", "seed"), given))
+        assert (problem.code, problem.hint) == ("wrong-type", hint)
+
+
 def test_sizes_are_bounded_and_the_bound_is_stated():
     data = replaced(DEMO, ("targets",), [{"name": "r", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [1, 1, 1],
                                                                   "points_per_axis": 6}}}])  # fmt: skip

@@ -189,6 +189,8 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     if kind in _WANTED:
         hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
         hint = hint or (cure_pair(value, field) if _WANTED[kind] == "a list" else "")
+        if _WANTED[kind] == "a whole number" and isinstance(value, float) and value.is_integer():
+            hint = f"write {value:.0f}"
         return Problem(at, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
