@@ -472,8 +472,8 @@ PROVOKED: dict[str, Data] = {
     "limit-out-of-reach, placement alone": document(8, 0.3, box=BOX, min_spacing_mm=12.0, objective="quantile"),
     "cost-out-of-reach, placement": spending(100.0, box=BOX, min_spacing_mm=12.0),
 }
-# Hints that name a shape or a level, not a number.
-WORDS = {"drawn-again"}
+# Hints that name a shape, a level or a requirement, not a number.
+WORDS = {"drawn-again", "unknown-requirement"}
 # As many as a programme holds.
 ELSEWHERE = {"too-many"}
 

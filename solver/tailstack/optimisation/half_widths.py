@@ -124,8 +124,8 @@ def _read(
     if name not in known and (name is not None or (limit is not None and len(known) != 1)):
         asked = f"a limit of {limit:g} is asked for" if name is None else f"the limit of {name!r} is asked for"
         detail = f"{asked}, and the requirements of optimise are {', '.join(known) or 'none'}"
-        hint = f"say of which: requirement, on the command line --requirement {known[0]}" if known else "state one"
-        raise DesignError(Problem("/requirements", "unknown-requirement", detail, hint))
+        which = f"say of which: requirement, on the command line --requirement {known[0]}" if known else "state one"
+        raise DesignError(Problem("/requirements", "unknown-requirement", detail, which))
     if limit is not None and not 0 < limit < np.inf:
         raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
     name = known[0] if len(known) == 1 else name
