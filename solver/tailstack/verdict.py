@@ -91,6 +91,8 @@ def _finding(check: Check, basis: str) -> Finding:
         closing = ""
     elif estimated:
         closing = f": {say_why_open(check)}; run `tailstack verify`"
+    elif check.open_because:
+        closing = f": {check.open_because}"
     elif (level := level_of(check.risk)) is not None:
         closing = f": too close to say, and the number of {level.plural} drawn is fixed; change the limit or the design"
     else:

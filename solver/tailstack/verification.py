@@ -27,6 +27,7 @@ from .measures import MEASURE, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
 from .montecarlo.chain import measure_trials, norms_of, run_indices
 from .montecarlo.estimators import (
+    UNBOUNDED,
     QuantileEstimate,
     TrialsOfError,
     between_ranks,
@@ -570,7 +571,7 @@ def _decides_means(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sa
         for name in () if item.row.by_quantile else item.targets:
             if vertex in ready.vertices[name, item.error]:
                 found = estimate_statistic(item, TrialsOfError(samples, name, item.error, level))
-                if decide(found.interval_mm, item.limit) == "inconclusive":
+                if _stays_open(found, item.limit):
                     return False
     for question in sampling.cvar:
         if vertex not in ready.vertices[question.target, "tcp"]:
@@ -580,9 +581,15 @@ def _decides_means(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sa
         worst = samples.of(question.target, "tcp").worst
         drawn = samples.trials, question.confidence, looks, samples.unanswered
         interval = cvar_interval(p95, mean, worst, *drawn)
-        if decide(interval, question.limit_mm) == "inconclusive":
+        if _stays_open(QuantileEstimate(mean, interval), question.limit_mm):
             return False
     return True
+
+
+def _stays_open(found: QuantileEstimate, limit: float) -> bool:
+    """Whether more trials may decide what these do not: a mean without an upper end can only be seen to fail."""
+    may_end = found.interval_mm[1] < inf or found.value_mm > limit
+    return decide(found.interval_mm, limit) == "inconclusive" and may_end
 
 
 def estimate_statistic(requirement: Requirement, trials: TrialsOfError) -> QuantileEstimate:
@@ -780,7 +787,9 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
                 each = (sampled.samples[vertex] for vertex in ready.vertices[name, requirement.error])
                 trials = (TrialsOfError(samples, name, requirement.error, level) for samples in each)
                 largest = take_largest(estimate_statistic(requirement, of) for of in trials)
-                checks.append(judge(requirement, name, largest.value_mm, largest.interval_mm, missed=missed))
+                why = UNBOUNDED if largest.interval_mm[1] == inf else ""
+                value, interval = largest
+                checks.append(judge(requirement, name, value, interval, missed=missed, open_because=why))
             elif requirement.risk == "pooled":
                 estimate = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
                 checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm, missed=missed))

@@ -153,6 +153,9 @@ def test_missed_beads_are_simulated_where_the_estimate_cannot_tell(p95: float) -
     assert (record.verdict, record.exit_code) == ("inconclusive", 4)
     assert "miss more fiducials than are looked at" in of_rule(record, "inconclusive")[0].message
     assert record.designs[0].targets[0].first_order_p95_mm < 3 * p95
+    (open_one,) = of_rule(gate(design, mode="auto", policy=rules), "inconclusive")  # no number of trials decides it
+    assert "however many are drawn" in open_one.message
+    assert "max_trials" not in open_one.message
 
 
 # --- baseline -----------------------------------------------------------------------------------------------------

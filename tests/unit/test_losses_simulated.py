@@ -251,6 +251,23 @@ def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answe
     assert high < 1.3
 
 
+def test_a_mean_that_has_no_upper_end_is_told_so_and_not_waited_for():
+    """One shot without an answer may be off by anything: more shots decide a mean only where it fails."""
+    system = missed(system_of(SEVEN), 0.02)
+    mean = score(replace(system, loss_probability=())).targets[0].mean_norm_mm
+    trials = {}
+    for limit in (1.5 * mean, 0.9 * mean):
+        limited = Requirement("r", "tcp", 0.9, limit, 0.95, ("target",), statistic="mean")
+        ready = prepare(replace(system, requirements=(limited,)))
+        check = verify_prepared(ready, Sampling(sequential=True, max_trials=1 << 18))
+        trials[check.verdict.status] = check.trials
+        for finding in check.verdict.findings:
+            assert ("however many are drawn" in finding.message) == (finding.rule == "requirement-inconclusive")
+            assert "ask for more trials" not in finding.message
+    assert trials["inconclusive"] == 1 << 13
+    assert trials["fail"] <= 1 << 13
+
+
 def test_a_bead_that_is_moved_keeps_its_own_probability():
     data = replaced(DEMO, ("fiducials", "loss_probability"), 0.05)
     design = load_design(replaced(data, ("fiducials", "points", 0, "loss_probability"), 0.3))

@@ -164,18 +164,19 @@ def _compare_cvar(
 ) -> list[LimitComparison]:
     estimates: list[tuple[str, float, tuple[float, float]]] = []
     confidence, limit = requirement.confidence, requirement.limit
-    missed = verification is None and is_of_all_shots(score.verdict)
     if verification is None:
-        ratio = inf if missed else 1 + error_percent(score.validity, CVAR_LIKE) / 100
+        why = CVAR_MISSED if is_of_all_shots(score.verdict) else ""
+        ratio = inf if why else 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
             mean = target.cvar95_mm
             estimates.append((target.name, mean, (0.0, inf) if ratio == inf else (mean / ratio, mean * ratio)))
     else:
-        from tailstack.montecarlo.estimators import cvar_interval
+        from tailstack.montecarlo.estimators import UNBOUNDED, cvar_interval
 
+        unanswered = verification.losses.trials_without_answer if verification.losses else 0
+        why = UNBOUNDED if unanswered else ""
         for drawn in verification.targets:
             values = (drawn.p95_mm, drawn.cvar95_mm, drawn.worst_mm)
-            unanswered = verification.losses.trials_without_answer if verification.losses else 0
             ends = cvar_interval(*values, verification.trials, confidence, looks, unanswered)
             estimates.append((drawn.name, drawn.cvar95_mm, ends))
     rate = None if verification is None else _error_rate(confidence)
@@ -185,7 +186,7 @@ def _compare_cvar(
         status = decide((low, high), limit)
         number = GateNumber(
             "cvar", name, "tcp", "pooled", requirement.quantile, value, interval, limit, None, None, status,
-            open_because=CVAR_MISSED if missed else "", rule="cvar", error_rate=rate,
+            open_because=why, rule="cvar", error_rate=rate,
         )  # fmt: skip
         comparisons.append(LimitComparison(requirement, number))
     return comparisons

@@ -46,7 +46,8 @@ def find_open_questions(case: Case) -> Iterator[Remark]:
         if comparison.number.status == "inconclusive":
             hint = f"{say_why_open(comparison.number)}; gate with --mode auto or verify"
             if (check := case.verification) is not None:
-                hint = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
+                more = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
+                hint = comparison.number.open_because or more
             yield _make_remark(case, comparison, hint)
 
 

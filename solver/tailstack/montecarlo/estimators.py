@@ -101,6 +101,13 @@ def between_ranks(
     return QuantileEstimate(order_statistic(sample, middle), (least, most))
 
 
+# Of a mean of all shots, in some of which too few fiducials are left.
+UNBOUNDED = (
+    "shots that leave too few fiducials for an answer give it no upper end, however many are drawn; limit a quantile, "
+    "or the probability of an error"
+)
+
+
 def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:
     """Why there is no bound of a kind."""
     detail = (

@@ -16,7 +16,7 @@ from ..contributors import read_value
 from ..design import Design
 from ..design.compile import loss_probabilities
 from ..design.loading import locate_refusals
-from ..errors import DesignError, NotConvergedError, Problem
+from ..errors import DesignError, NotConvergedError, OutOfRangeError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..losses import LossSearch, without_fiducials
@@ -90,8 +90,8 @@ def allocate(
     limit: of a requirement, in the unit of its measure, in place of the one that the design states; requirement: its
     name, where several are asked for.  locked: half-widths that stay, as CONTRIBUTOR.COMPONENT, or all of a
     CONTRIBUTOR.  To first order, as :func:`tailstack.score`; nothing is simulated.  Raises DesignError (nothing is
-    free, grades, no such requirement or half-width, what no estimate is known of where fiducials are missed),
-    IllPosedError, NotConvergedError.
+    free, grades, no such requirement or half-width), OutOfRangeError (a limit on what no estimate is known of where
+    fiducials are missed), IllPosedError, NotConvergedError.
     """
     with locate_refusals(design):
         problem, asked = _read(design, limit, requirement, set(locked))
@@ -222,7 +222,7 @@ def _hold_all(problem: PlacementProblem, demands: Sequence[QuantileConstraint]) 
 def _count_losses(
     problem: PlacementProblem, held: Sequence[_Held], half_width: Array, missed: tuple[float, ...]
 ) -> list[_Held]:
-    """With ``times`` at half-widths (K,); missed: probability of each fiducial, or ().  Raises DesignError."""
+    """With ``times`` at half-widths (K,); missed: probability of each fiducial, or ().  Raises OutOfRangeError."""
     if not missed:
         return list(held)
     system = apply_choice(problem, replace(present_choice(problem), half_width=half_width))
@@ -246,9 +246,9 @@ def _count_losses(
     return counted
 
 
-def _refuse_losses(detail: str) -> DesignError:
+def _refuse_losses(detail: str) -> OutOfRangeError:
     hint = "tailstack optimise holds its limits against all shots; without loss_probability those that miss none count"
-    return DesignError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))
+    return OutOfRangeError(Problem("/fiducials/loss_probability", "not-allocated", detail, hint))
 
 
 class _Readings:

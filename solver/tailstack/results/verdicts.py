@@ -84,7 +84,8 @@ class Check:
     missed: bool = False
     """Whether shots that miss fiducials, as often as the design says, are in the value."""
     open_because: str = ""
-    """Why the upper end is not known although first order holds for shots that miss no fiducial; empty otherwise."""
+    """Why the upper end is not known although first order holds for shots that miss no fiducial, or there is none;
+    empty otherwise."""
     unit: str = ""
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
     words: str = ""

@@ -316,9 +316,10 @@ def units_number(score: Score, name: str) -> KeyNumber:
     unit, decimals = target.per_unit, score.decimals
     value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
     shots = f"{100 * unit.quantile:.6g} % of their own shots"
+    how = "estimate, no fiducial missed" if is_of_all_shots(score.verdict) else "estimate"
     if unit.yield_fraction is None or unit.limit_mm is None:
-        return KeyNumber(headline_words(unit.quantile, unit.units_fraction), f"{value:.{decimals}f} mm", "estimate")
-    kept = f"of units keep {shots} within {unit.limit_mm:g} mm, estimate"
+        return KeyNumber(headline_words(unit.quantile, unit.units_fraction), f"{value:.{decimals}f} mm", how)
+    kept = f"of units keep {shots} within {unit.limit_mm:g} mm, {how}"
     return KeyNumber("Yield", in_percent(unit.yield_fraction, 1), kept)
 
 
