@@ -37,6 +37,7 @@ def with_width(design: dict[str, Any], component: str, half_width_deg: float) ->
         ("demo", "connector_flange", "ry", "interfaces.connector_flange.tolerances.ry.half_width_deg"),
         ("demo", "fiducial_noise:LAT", "all", "views.LAT.fiducial_noise_px"),
         ("demo", "fiducial_manufacturing", "all", "fiducials.manufacturing.half_width_mm"),
+        ("missed", "connector_flange", "rx", "interfaces.connector_flange.tolerances.rx.half_width_deg"),
         ("bounded", SEAT, "rx", "interfaces.structure_connector.tolerances.rx.half_width_deg"),
         ("locators_321", SEAT, "A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
     ],
@@ -45,10 +46,12 @@ def test_at_its_limit_any_source_of_any_design_gives_the_limit(
     name: str, contributor: str, component: str, path: str
 ) -> None:
     """independent: the document with that number in it is scored; of what is bounded counts its worst end, which moves
-    the mean."""
-    design = load_design(EXAMPLES / f"{'demo' if name == 'bounded' else name}.yaml")
+    the mean; without missed beads in it the value would be 2 % above."""
+    design = load_design(EXAMPLES / f"{'demo' if name in ('bounded', 'missed') else name}.yaml")
     if name == "bounded":
         design = design.with_value("interfaces.structure_connector.tolerances.rx.distribution", "bounded")
+    if name == "missed":
+        design = design.with_value("fiducials.loss_probability", 0.03)
     if name != "locators_321":
         design = design.with_value("requirements.tip-accuracy.limit_mm", 1.25)
     found = of(compute_report(design, ReportContents(parts=("score",))), contributor, component)
@@ -57,7 +60,8 @@ def test_at_its_limit_any_source_of_any_design_gives_the_limit(
     assert found.slack == pytest.approx(found.at_limit - found.half_width, rel=1e-9)
     checks = score(design.with_value(path, found.at_limit), losses=False).verdict.checks
     (check,) = [check for check in checks if (check.requirement, check.target) == (found.requirement, found.target)]
-    assert check.value == pytest.approx(check.limit, rel=1e-6)
+    # What missed beads add hardly depends on a half-width
+    assert check.value == pytest.approx(check.limit, rel=2e-3 if name == "missed" else 1e-6)
 
 
 def test_what_cannot_help_or_has_no_requirement_has_no_room() -> None:

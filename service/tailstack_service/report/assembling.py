@@ -250,12 +250,17 @@ Status = Literal["spare", "too wide", "zero is not enough", "no influence", "no 
 
 
 def _ratio(model: LinearModel, line: BudgetEntry, check: Check) -> tuple[Status, float | None]:
-    """By which factor on the line's half-width what the check limits is at its limit."""
+    """By which factor on the line's half-width what the check limits is at its limit.
+
+    Where fiducials are missed, what they add is taken to stay in proportion to the quantile of shots that miss none.
+    """
     if not line.block.half_width[line.sources[0]] > 0:
         return "no influence", None
     from scipy.optimize import brentq  # a tenth of a second, of which a report without limits has no use
 
     limit_mm = check.limit if check.beyond is None else check.beyond
+    if check.missed and check.beyond is None:
+        limit_mm *= _quantile_mm(model, check, line, 1.0) / check.value
 
     def excess(factor: float) -> float:
         return _quantile_mm(model, check, line, factor) - limit_mm

@@ -115,7 +115,8 @@ class Allowance:
     """spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no
     influence; no requirement."""
     at_limit: float | None
-    """Half-width at which the requirement's quantile is at its limit, in `unit`; null where there is none."""
+    """Half-width at which the requirement's quantile is at its limit, in `unit`; null where there is none. What missed
+    fiducials add to a quantile is taken to stay in proportion; of a probability, shots that miss none count alone."""
     slack: float | None
     """`at_limit` less `half_width`, in `unit`: negative where it has to shrink; null where there is no such half-width.
     """
