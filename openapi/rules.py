@@ -51,10 +51,10 @@ RATIOS = frozenset(
      "largest_share", "limit_probability", "loss_probability", "lowest_ratio", "max_scale", "min_scale",
      "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap", "nu_range",
      "nu_turns", "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
-     "precision_requested", "probability", "probability_of_none", "probability_unaccounted", "quantile",
-     "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled", "scale", "share", "share_interval",
-     "smallest_loss_probability", "snr",
-     "spread", "spreads", "statistic", "target_noise_shape", "towards", "units_fraction", "up", "up_direction",
+     "precision_requested", "probability", "probability_of_none", "probability_unaccounted",
+     "probability_without_answer", "quantile", "quaternion_wxyz", "ratio", "ratio_interval", "rotation", "sampled",
+     "scale", "share", "share_interval", "smallest_loss_probability", "snr", "spread", "spreads", "statistic",
+     "target_noise_shape", "towards", "units_fraction", "up", "up_direction",
      "variance_share", "worst_ratio", "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices

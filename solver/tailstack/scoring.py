@@ -19,6 +19,7 @@ from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import DesignError, OutOfRangeError, Problem
 from .estimation.checks import examine
+from .estimation.missed import NEGLIGIBLE, probability_unanswered
 from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
@@ -65,7 +66,7 @@ from .tail.bounds import bounds
 from .tail.declared import LawReading, LawSummary, LinearLaw, MixedLaw, PairLaw
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk
-from .verdict import conclude, judge
+from .verdict import UNBOUNDED, conclude, judge
 from .version import __version__
 
 MOST_RELATED = 64  # targets of which covariances are told: 2016 pairs, 1 MB
@@ -583,8 +584,10 @@ def _check_statistic(requirement: Requirement, target: str, trust: Validity, err
     if doubt or not row.calibrated:
         of = f"the {row.name} of {measure.words}"
         why = f"how far the estimate of {of} is from a simulation is not known" + (doubt and f": {doubt}")
-    elif error.has_losses:
+    elif error.search is not None:
         why = f"no estimate is known of the {row.name} of {measure.words} where fiducials are missed"
+        if not row.unit and probability_unanswered(error.search.system) >= NEGLIGIBLE:
+            why = UNBOUNDED
     percent = error_percent(trust, row.trusted_as(p)) * error.times_apart
     if why or isinf(percent):
         return judge(requirement, target, value, OPEN, missed=shots is not None, open_because=why)

@@ -12,6 +12,11 @@ from .results.verdicts import decisive_check, name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
+# Of a mean of all shots, in some of which too few fiducials are left.
+UNBOUNDED = (
+    "shots that leave too few fiducials for an answer give it no upper end, however many are drawn; limit a quantile, "
+    "or the probability of an error"
+)
 
 
 def decide(interval: Interval, limit: float) -> Status:
@@ -89,10 +94,10 @@ def _finding(check: Check, basis: str) -> Finding:
     estimated = basis.startswith("first order")
     if check.status == "fail":
         closing = ""
+    elif check.open_because and (not estimated or check.open_because == UNBOUNDED):
+        closing = f": {check.open_because}"
     elif estimated:
         closing = f": {say_why_open(check)}; run `tailstack verify`"
-    elif check.open_because:
-        closing = f": {check.open_because}"
     elif (level := level_of(check.risk)) is not None:
         closing = f": too close to say, and the number of {level.plural} drawn is fixed; change the limit or the design"
     else:

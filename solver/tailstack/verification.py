@@ -19,15 +19,15 @@ import numpy as np
 from .contributors import WorstCase, declared_law, mean_at, value_of, worst_case, worst_vertices
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
+from .estimation.missed import probability_unanswered
 from .geometry.arrays import Array
 from .kernels.process import usable_cores
 from .laws import Drawn
 from .losses import LossSearch
 from .measures import MEASURE, Metric
-from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
+from .montecarlo import FINEST_PRECISION, MAX_TRIALS, MOST_TRIALS, PRECISION
 from .montecarlo.chain import measure_trials, norms_of, run_indices
 from .montecarlo.estimators import (
-    UNBOUNDED,
     QuantileEstimate,
     TrialsOfError,
     between_ranks,
@@ -71,7 +71,7 @@ from .results.verdicts import BREACHES_MM, P95, Breach
 from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
-from .verdict import conclude, decide, judge
+from .verdict import UNBOUNDED, conclude, decide, judge
 
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
 UNITS_PER_BATCH = 32
@@ -137,7 +137,7 @@ def verify_prepared(
 @dataclass(frozen=True, slots=True)
 class Sampling:
     """How a design is to be checked: see ``verify``.  Raises DesignError for trials and precision at once,
-    OutOfRangeError for a precision that no affordable number of trials reaches."""
+    OutOfRangeError for a precision that no affordable number of trials reaches, and for such a number."""
 
     trials: int | None = None
     precision: float | None = None
@@ -157,6 +157,10 @@ class Sampling:
         if self.precision is not None and not FINEST_PRECISION <= self.precision < 1:
             detail = f"precision must be at least {FINEST_PRECISION:g} and below 1; got {self.precision:g}"
             raise OutOfRangeError(Problem("/precision", "out-of-range", detail, "a finer one takes billions of trials"))
+        for field, most in (("trials", self.trials or 0), ("max_trials", self.max_trials)):
+            if most > MOST_TRIALS:
+                detail = f"{field} must be at most {MOST_TRIALS}; got {most}"
+                raise OutOfRangeError(Problem(f"/{field}", "out-of-range", detail, "ask for fewer, or for a precision"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -579,7 +583,7 @@ def _decides_means(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sa
         p95 = quantile_estimate(samples, question.target, "tcp", P95).value_mm
         mean = cvar_estimate(samples, question.target, "tcp", P95)
         worst = samples.of(question.target, "tcp").worst
-        drawn = samples.trials, question.confidence, looks, samples.unanswered
+        drawn = samples.trials, question.confidence, looks, samples.has_open_means
         interval = cvar_interval(p95, mean, worst, *drawn)
         if _stays_open(QuantileEstimate(mean, interval), question.limit_mm):
             return False
@@ -659,7 +663,8 @@ def _count_losses(ready: PreparedDesign, sampled: SampledDesign) -> DrawnLosses 
         return None
     # the same shots miss the same fiducials at every vertex
     longest = max(sampled.samples.values(), key=lambda each: each.trials)
-    return DrawnLosses(longest.trials, longest.missed, longest.unanswered)
+    probability = probability_unanswered(ready.system)
+    return DrawnLosses(longest.trials, longest.missed, longest.unanswered, probability, longest.has_open_means)
 
 
 def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:

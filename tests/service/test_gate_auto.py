@@ -156,6 +156,9 @@ def test_missed_beads_are_simulated_where_the_estimate_cannot_tell(p95: float) -
     (open_one,) = of_rule(gate(design, mode="auto", policy=rules), "inconclusive")  # no number of trials decides it
     assert "however many are drawn" in open_one.message
     assert "max_trials" not in open_one.message
+    design["fiducials"]["loss_probability"] = 1e-3  # no shot without an answer is drawn, and one is possible
+    (open_one,) = of_rule(gate(design, mode="verify", policy=rules), "inconclusive")
+    assert "however many are drawn" in open_one.message
 
 
 # --- baseline -----------------------------------------------------------------------------------------------------

@@ -136,14 +136,14 @@ def per_unit() -> bytes:
 @pytest.mark.parametrize(
     ("made", "change", "words", "enough"),
     [
-        ("report", {"reproduction": {"trials": 10**12}}, "up to 1,000,000,000,000 trials", ["--max-trials", 10**12]),
+        ("report", {"reproduction": {"trials": 10**9}}, "up to 1,000,000,000 trials", ["--max-trials", 10**9]),
         ("report", {"reproduction": {"trials": None, "max_trials": 10**9}}, "up to 1,000,000,000 trials",
          ["--max-trials", 10**9]),
         ("comparison", {"first": {"reproduction": {"trials": 10**8}}}, "up to 200,000,000 trials",
          ["--max-trials", 2 * 10**8]),
-        ("verification", {"trials": 10**12}, "up to 1,000,000,000,000 trials", ["--max-trials", 10**12]),
-        ("verification", {"precision_requested": 1e-6, "max_trials": 10**12}, "up to 1,000,000,000,000 trials",
-         ["--max-trials", 10**12]),
+        ("verification", {"trials": 10**9}, "up to 1,000,000,000 trials", ["--max-trials", 10**9]),
+        ("verification", {"precision_requested": 1e-6, "max_trials": 10**9}, "up to 1,000,000,000 trials",
+         ["--max-trials", 10**9]),
         ("sweep", {"trials": 10**8}, "up to 200,000,000 trials", ["--max-trials", 2 * 10**8]),
         ("optimisation", {"reproduction": {"starts": 9999}}, "started 9,999 times", ["--starts", 9999]),
     ],

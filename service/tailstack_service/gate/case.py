@@ -16,7 +16,7 @@ from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots, name_all
 from tailstack.statistic import STATISTIC, write_text
-from tailstack.verdict import decide
+from tailstack.verdict import UNBOUNDED, decide
 
 from .policy import Rules
 from .reading import Remark
@@ -171,13 +171,13 @@ def _compare_cvar(
             mean = target.cvar95_mm
             estimates.append((target.name, mean, (0.0, inf) if ratio == inf else (mean / ratio, mean * ratio)))
     else:
-        from tailstack.montecarlo.estimators import UNBOUNDED, cvar_interval
+        from tailstack.montecarlo.estimators import cvar_interval
 
-        unanswered = verification.losses.trials_without_answer if verification.losses else 0
-        why = UNBOUNDED if unanswered else ""
+        is_open = verification.losses is not None and verification.losses.has_open_means
+        why = UNBOUNDED if is_open else ""
         for drawn in verification.targets:
             values = (drawn.p95_mm, drawn.cvar95_mm, drawn.worst_mm)
-            ends = cvar_interval(*values, verification.trials, confidence, looks, unanswered)
+            ends = cvar_interval(*values, verification.trials, confidence, looks, is_open)
             estimates.append((drawn.name, drawn.cvar95_mm, ends))
     rate = None if verification is None else _error_rate(confidence)
     comparisons = []

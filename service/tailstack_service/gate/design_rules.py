@@ -19,7 +19,7 @@ from tailstack.results.verdicts import assumed_sentence, name_all
 from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
-from tailstack.verdict import say_why_open
+from tailstack.verdict import UNBOUNDED, say_why_open
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
 from .case import Case, LimitComparison, bound_yield
@@ -45,9 +45,10 @@ def find_open_questions(case: Case) -> Iterator[Remark]:
     for comparison in case.comparisons:
         if comparison.number.status == "inconclusive":
             hint = f"{say_why_open(comparison.number)}; gate with --mode auto or verify"
-            if (check := case.verification) is not None:
-                more = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
-                hint = comparison.number.open_because or more
+            if comparison.number.open_because == UNBOUNDED:
+                hint = UNBOUNDED
+            elif (check := case.verification) is not None:
+                hint = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
             yield _make_remark(case, comparison, hint)
 
 

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.fields import Length, Name, Record, refusal, refuse_repeated
-from tailstack.montecarlo import FINEST_PRECISION
+from tailstack.montecarlo import FINEST_PRECISION, MOST_TRIALS
 
 from .file_names import match_names
 from .reading import GateDesign, GateInput, Given, Remark, hash_content, read_document
@@ -285,7 +285,7 @@ class SimulationSettings(Record):
 
     precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(default=0.01, examples=[0.01])
     """Mode verify: relative half-width of the interval of P95 at which drawing may end."""
-    max_trials: Annotated[int, Field(ge=1000, le=1_000_000_000)] = Field(default=2**20, examples=[1048576])
+    max_trials: Annotated[int, Field(ge=1000, le=MOST_TRIALS)] = Field(default=2**20, examples=[1048576])
     """Trials after which an open question is inconclusive."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, examples=[0])
     """Seed; with a baseline, the baseline's is used."""

@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from tailstack.cures import ask_label
 from tailstack.errors import LimitError, Problem
 from tailstack.fields import Record
-from tailstack.montecarlo import FINEST_PRECISION, MAX_TRIALS
+from tailstack.montecarlo import FINEST_PRECISION, MAX_TRIALS, MOST_TRIALS
 
 from ..console.command_line import PASS, Answer
 from ..console.flags import Flag, list_options, read_flags
@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 # --- options beside a design: known fields only, nothing converted, each with its meaning and bounds --
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
-Count = Annotated[int, Field(ge=1)]
+Trials = Annotated[int, Field(ge=1, le=MOST_TRIALS)]
 MostTrials = Annotated[
     int,
     Field(
         ge=100,
+        le=MOST_TRIALS,
         description="Without trials: stop after so many, whatever the precision by then. It sets when the precision is "
         "looked at, so the intervals.",
     ),
@@ -94,7 +95,7 @@ class CheckOptions(Options):
 
     exclusive = ("trials", "precision")
 
-    trials: Count | None = None
+    trials: Trials | None = None
     """Number of trials. Either this or precision; neither: the solver's own precision."""
     precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = None
     """Half-width of the confidence interval of P95, relative, at which sampling stops."""

@@ -23,7 +23,6 @@ from ..environment import variable
 from ..problems import RequestError
 from .operation import (
     Call,
-    Count,
     Csv,
     Demand,
     FigureFile,
@@ -32,6 +31,7 @@ from .operation import (
     Operation,
     Options,
     Seed,
+    Trials,
     run_function,
     within_trials,
 )
@@ -106,7 +106,7 @@ class SweepOptions(Options):
     """Numbers of the design that vary; every combination of their values is a point."""
     check: Annotated[Literal["score", "verification"], Flag("what is computed")] = "score"
     """What is computed at each point."""
-    trials: Annotated[Count | None, Flag("trials of each verification")] = None
+    trials: Annotated[Trials | None, Flag("trials of each verification")] = None
     """Trials at each point, for check verification; absent: to the solver's own precision."""
     max_trials: Annotated[MostTrials, Flag("without --trials: stop each verification after so many")] = MAX_TRIALS
     seed: Annotated[Seed, Flag("seed of every verification")] = 0

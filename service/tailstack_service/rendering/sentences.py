@@ -16,6 +16,7 @@ from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_p
 from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
+from tailstack.verdict import UNBOUNDED
 
 from .text import spell_count
 
@@ -206,7 +207,7 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
             "pivot in the design is off: look at that before any tolerance."
         )
     if spare is None:
-        return f"How far {what} is from its limit is not known: it takes a simulation."
+        return f"How far {what} is from its limit is not known: {check.open_because or 'it takes a simulation'}."
     if spare >= 0:
         share = in_percent(spare / check.limit)
         first = f"{what} has at least {length(spare, decimals)} {check.unit} to spare ({share} of the limit)"
@@ -243,6 +244,8 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
         return "`tailstack optimise` looks for the cheapest design that keeps it."
     if check.status == "pass":
         return ""
+    if check.open_because == UNBOUNDED:
+        return f"No simulation can show that it is kept: {UNBOUNDED}."
     if basis.startswith("first order"):
         return "Run `tailstack verify`, which simulates, to decide."
     if (level := level_of(check.risk)) is not None:

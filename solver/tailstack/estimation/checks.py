@@ -52,7 +52,7 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
-    seen, sights, fewest = shares(system), _look(system), system.estimator.traits.fewest_fiducials
+    seen, sights, fewest = shares(system), look(system), system.estimator.traits.fewest_fiducials
     check = _check_few if system.estimator.believes_intrinsics else _check_fiducials
     findings = check(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm), fewest)
     for share, each in zip(seen, sights, strict=True):
@@ -66,37 +66,6 @@ def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]
         findings += _check_resection(seen, sights)
     _check_noise(system)
     return (*findings, *_check_triangulation(system)), views
-
-
-def find_surely_answered(system: System, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(S,) of views that see these of the fiducials (S, V, N): whether ``examine`` surely does not refuse them, where
-    it does not refuse the system itself.  What is left of a structure may be too little, or flat, or determine no view:
-    it is ten times as far from that as it has to be."""
-    poses, points = system.estimator.believes_intrinsics, system.fiducials_mm
-    surely = np.ones(len(seen), dtype=np.bool_)
-    for v, each in enumerate(_look(replace(system, views=tuple(replace(view, sees=None) for view in system.views)))):
-        masks, which = np.unique(seen[:, v], axis=0, return_inverse=True)
-        sizes, sound = masks.sum(axis=1), np.zeros(len(masks), dtype=np.bool_)
-        for size in np.unique(sizes[sizes >= max(system.estimator.traits.fewest_fiducials, 4)]).tolist():
-            rows = np.flatnonzero(sizes == size)
-            columns = np.nonzero(masks[rows])[1].reshape(len(rows), size)
-            left = points[columns]
-            centred = left - left.mean(axis=1, keepdims=True)
-            _, values, axes = np.linalg.svd(centred, full_matrices=False)
-            good = values[:, 2] > 10 * COPLANAR * values[:, 0]
-            if poses:  # no other pose is looked for
-                extents = np.ptp(centred @ np.swapaxes(axes, 1, 2), axis=1)
-                good &= extents[:, 2] > 1.001 * FLAT * extents[:, 1]
-            else:
-                own = homogeneous(left) @ np.swapaxes(hartley_similarity(left), 1, 2)
-                images = each.images[columns]
-                imaged = homogeneous(images) @ np.swapaxes(hartley_similarity(images), 1, 2)
-                matrix = design_matrix(own, imaged[..., :2])
-                squares = np.linalg.eigvalsh(np.swapaxes(matrix, 1, 2) @ matrix)
-                good &= squares[:, 1] > (10 * SINGULAR) ** 2 * squares[:, 11]
-            sound[rows] = good
-        surely &= sound[which.reshape(-1)]
-    return surely
 
 
 class Share(NamedTuple):
@@ -136,7 +105,7 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
     or behind the source counts as outside.
     """
-    return _check_views(system, shares(system), _look(system))
+    return _check_views(system, shares(system), look(system))
 
 
 def _check_views(system: System, seen: Sequence[Share], sights: Sequence[Sight]) -> tuple[ViewCheck, ...]:
@@ -200,7 +169,7 @@ def _later(count: int) -> NDArray[np.bool_]:
     return frozen(np.triu(np.ones((count, count), dtype=np.bool_), 1), np.bool_)
 
 
-def _look(system: System) -> list[Sight]:
+def look(system: System) -> list[Sight]:
     points, targets = imaged_fiducials(system), [target.position_mm for target in system.targets]
     each = zip(system.views, system.sees, strict=True)
     return [sight(view, np.concatenate([points[weights > 0], targets])) for view, weights in each]

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import IllPosedError, NotConvergedError, OutOfRangeError, Problem
-from ..estimation.checks import examine, find_surely_answered
+from ..errors import NotConvergedError, OutOfRangeError, Problem
 from ..estimation.least_squares import estimate_views, locate, weights_at_rest
+from ..estimation.missed import hide_fiducials, leave_answers
 from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.arrays import Array
@@ -30,14 +30,14 @@ from ..laws import BETWEEN_SHOTS
 from ..measures.measure import Site
 from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
-from .plan import LAW_CODE, ChainPlan, compile_plan, hide_fiducials, replan
+from .plan import LAW_CODE, ChainPlan, compile_plan, replan
 from .streams import draw_columns, stream_key
 from .tables import EXECUTION, MANUFACTURED, MOUNTS, SHOT, arm_slot, beads_slot, images_slot, intrinsics_slot, shot_slot
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
+PLANS = 64
 LOSS_STREAM, OTHER_STREAM = 4, 5  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
-PLANS, PATTERNS = 64, 2**17  # of missed fiducials, of which is kept whether they leave an answer
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
@@ -237,37 +237,9 @@ def _group_shots(
     starts = np.flatnonzero(np.append(True, (bits[1:] != bits[:-1]).any(axis=1))) if len(rows) else rows
     groups = [group for group in np.split(rows, starts[1:]) if len(group)]
     patterns = lost[[int(group[0]) for group in groups]]
-    answered = np.flatnonzero(_leave_answers(plan, patterns))
+    answered = np.flatnonzero(leave_answers(plan.system, patterns))
     plans = replan(plan, patterns[answered])
     yield from zip(plans, patterns[answered], (groups[k] for k in answered.tolist()), strict=True)
-
-
-@lru_cache(maxsize=PLANS)
-def _verdicts_of(plan: ChainPlan) -> dict[bytes, bool]:
-    """By pattern of missed fiducials whether what is left has an answer, as far as it was asked."""
-    return {}
-
-
-def _leave_answers(plan: ChainPlan, patterns: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(S,) whether what is left without the fiducials lost (S, N) has an answer, and is not refused by itself."""
-    known = _verdicts_of(plan)
-    if len(known) > PATTERNS:
-        known.clear()
-    keys = [pattern.tobytes() for pattern in patterns]
-    new = [k for k, key in enumerate(keys) if key not in known]
-    if new:
-        surely = find_surely_answered(plan.system, (plan.system.sees > 0) & ~patterns[new, None])
-        for k, sure in zip(new, surely.tolist(), strict=True):
-            known[keys[k]] = sure or _passes(hide_fiducials(plan.system, patterns[k]))
-    return np.array([known[key] for key in keys], dtype=np.bool_)
-
-
-def _passes(system: System) -> bool:
-    try:
-        examine(system)
-    except IllPosedError:
-        return False
-    return True
 
 
 def _run_at(

@@ -101,13 +101,6 @@ def between_ranks(
     return QuantileEstimate(order_statistic(sample, middle), (least, most))
 
 
-# Of a mean of all shots, in some of which too few fiducials are left.
-UNBOUNDED = (
-    "shots that leave too few fiducials for an answer give it no upper end, however many are drawn; limit a quantile, "
-    "or the probability of an error"
-)
-
-
 def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:
     """Why there is no bound of a kind."""
     detail = (
@@ -217,19 +210,19 @@ class TrialsOfError(NamedTuple):
     def _normal(self, value: float, standard_error: float) -> tuple[float, Interval]:
         """By the central limit theorem; shots without an answer leave a mean without an upper end."""
         error = NormalDist().inv_cdf((1 + self.confidence) / 2) * standard_error
-        return value, (max(value - error, 0.0), inf if self.samples.unanswered else value + error)
+        return value, (max(value - error, 0.0), inf if self.samples.has_open_means else value + error)
 
 
 def cvar_interval(
-    p95_mm: float, cvar_mm: float, worst_mm: float, trials: int, confidence: float, looks: int, unanswered: int = 0
+    p95_mm: float, cvar_mm: float, worst_mm: float, trials: int, confidence: float, looks: int, is_open: bool = False
 ) -> Interval:
     """Interval of the mean of the worst 5 %, mm, from what a check's record holds; Bonferroni over the looks.
 
     CVaR is P95 + mean(x) / 0.05 with x = (|e| - P95)_+ in [0, worst - P95]; a variable on [0, b] with mean m has a
     variance of at most m (b - m) (Bhatia and Davis 2000), some four times the true one for a Gaussian tail.  The mean
-    is taken for normal: of a mean, no interval is free of the law.  Shots without an answer leave it without an end.
+    is taken for normal: of a mean, no interval is free of the law.  is_open: shots without an answer leave it no end.
     """
     deviate = NormalDist().inv_cdf(1 - (1 - confidence) / (2 * looks))
     mean = 0.05 * (cvar_mm - p95_mm)
     error = deviate * sqrt(max(mean * (worst_mm - p95_mm - mean), 0.0) / trials) / 0.05
-    return cvar_mm - error, inf if unanswered else cvar_mm + error
+    return cvar_mm - error, inf if is_open else cvar_mm + error

@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 
 from ..errors import OutOfRangeError, Problem
 from ..estimation.least_squares import weights_at_rest
+from ..estimation.missed import hide_fiducials
 from ..estimation.resection import homogeneous
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
@@ -386,16 +387,6 @@ def _noise_of(view: View) -> Array:
     """(2, 3) px: ``Tables.noise`` of a view."""
     factors = np.stack([np.eye(2)] * 2) if view.noise_factors is None else view.noise_factors
     return np.array([view.fiducial_noise_px, view.target_noise_px])[:, None] * factors[:, [0, 1, 1], [0, 0, 1]]
-
-
-def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:
-    """The system in which no view sees these fiducials (N,)."""
-    labels = np.array(system.fiducial_labels)
-    views = tuple(
-        replace(view, sees=tuple(labels[(seen > 0) & ~lost].tolist()))
-        for view, seen in zip(system.views, system.sees, strict=True)
-    )
-    return replace(system, views=views, loss_probability=())
 
 
 def replan(plan: ChainPlan, lost: NDArray[np.bool_]) -> list[ChainPlan]:

@@ -13,6 +13,7 @@ from math import inf
 import numpy as np
 
 from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..estimation.missed import NEGLIGIBLE, probability_unanswered
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
 from .plan import ChainPlan
@@ -82,6 +83,11 @@ class Samples:
     reprojection_px: Array | None  # RMS reprojection errors of the first trials that have an answer, ascending
     missed: int = 0  # trials in which a fiducial is missed
     unanswered: int = 0  # of these, trials that leave too few for an answer
+
+    @property
+    def has_open_means(self) -> bool:
+        """Whether a mean over all shots has no upper end, by the design and not by the luck of the shots drawn."""
+        return self.unanswered > 0 or probability_unanswered(self.simulation.plan.system) >= NEGLIGIBLE
 
     def of(self, target: str | int, error: str = "tcp") -> ErrorSample:
         """The sample of a measure at one target (by name or index) or site."""

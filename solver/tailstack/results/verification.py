@@ -88,6 +88,11 @@ class DrawnLosses:
     trials_without_answer: int
     """Shots left with too few fiducials for an answer. In quantiles and exceedance their error counts as infinite;
     bias, spread, means, largest error and reprojection error are of the other shots."""
+    probability_without_answer: float = 0.0
+    """Of such a shot, known from the design: at least that."""
+    has_open_means: bool = False
+    """Whether such shots are so probable, a billionth or more, or were drawn, that a limit of a mean or of the mean of
+    the worst 5 % cannot be shown to be kept, however many shots are drawn."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -49,6 +49,7 @@ from tailstack.results.verdicts import (
     shares_table,
     what_is_limited,
 )
+from tailstack.verdict import UNBOUNDED
 
 from ...rendering.document import (
     Block,
@@ -130,7 +131,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
 def _margin(score: Score) -> tuple[str, ...]:
     """What is left to the limit of the requirement that decides, and what brings most."""
     decisive = decisive_check(score.verdict.checks)
-    if decisive is None:
+    if decisive is None or decisive.open_because == UNBOUNDED:  # which is the opening's last sentence
         return ()
     target = next((entry for entry in score.targets if entry.name == decisive.target), None)
     if target is None:  # what decides joins several, and the budget is of one
