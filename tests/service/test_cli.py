@@ -45,8 +45,8 @@ def test_help_names_every_verb(call: Any) -> None:
         (), ("nonsense",), ("score",), ("score", DEMO, "--trials", "3"), ("verify", DEMO, "--trials", "0"),
         ("verify", DEMO, "--trials", "many"), ("verify", DEMO, "--precision", "2"), ("verify", DEMO, "--seed", "-1"),
         ("verify", DEMO, "--trials", "10", "--precision", "0.1"), ("verify", DEMO, "--method", "magic"),
-        ("optimise", DEMO, "--starts", "0"), ("optimise", DEMO, "--starts", "20000"), ("verify", DEMO, "--trials", "1e30"),
-        ("serve", "--port", "70000"), ("convert", DEMO), ("score", DEMO, "--js"),
+        ("optimise", DEMO, "--starts", "0"), ("optimise", DEMO, "--starts", "20000"),
+        ("verify", DEMO, "--trials", "1e30"), ("serve", "--port", "70000"), ("convert", DEMO), ("score", DEMO, "--js"),
     ],
 )  # fmt: skip
 def test_usage_errors_are_2_and_name_the_next_command(refused: Any, arguments: tuple[str, ...]) -> None:

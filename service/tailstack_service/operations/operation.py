@@ -35,12 +35,21 @@ if TYPE_CHECKING:
 # --- options beside a design: known fields only, nothing converted, each with its meaning and bounds --
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
-Trials = Annotated[int, Field(ge=1, le=MOST_TRIALS)]
+
+
+def _hide_maximum(schema: dict[str, Any]) -> None:
+    """Of what no service ever computed, the document of the released one did not say that it is refused."""
+    del schema["maximum"]
+
+
+Trials = Annotated[int, Field(ge=1, le=MOST_TRIALS, json_schema_extra=_hide_maximum)]
+Starts = Annotated[int, Field(ge=1, le=10_000, json_schema_extra=_hide_maximum)]
 MostTrials = Annotated[
     int,
     Field(
         ge=100,
         le=MOST_TRIALS,
+        json_schema_extra=_hide_maximum,
         description="Without trials: stop after so many, whatever the precision by then. It sets when the precision is "
         "looked at, so the intervals.",
     ),

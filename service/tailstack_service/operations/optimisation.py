@@ -33,6 +33,7 @@ from .operation import (
     Options,
     Repetition,
     Seed,
+    Starts,
     run_function,
     within,
 )
@@ -57,9 +58,7 @@ class OptimisationOptions(Options):
 
     seed: Annotated[Seed | None, Flag("seed (default: the design's)")] = None
     """Seed of the starts; absent: optimise/seed of the design."""
-    starts: Annotated[
-        Annotated[int, Field(ge=1, le=10_000)] | None, Flag("starting layouts (default: the design's)")
-    ] = None
+    starts: Annotated[Starts | None, Flag("starting layouts (default: the design's)")] = None
     """Number of starts; absent: optimise/starts of the design."""
     gap: Annotated[Annotated[float, Field(gt=0, lt=1)] | None, Flag(metavar="GAP")] = Field(None, examples=[0.01])
     """No more starts once the best is that near, relative, to what no layout undercuts; absent: all."""
