@@ -60,13 +60,13 @@ from .results import (
 )
 from .results.quality import ppk_of
 from .results.score import SHOTS, FiftyShots
-from .results.verdicts import BREACHES_MM, MISSED, P95, Breach, MeasureShare, decisive_check
+from .results.verdicts import BREACHES_MM, MISSED, P95, UNBOUNDED, Breach, MeasureShare, decisive_check
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawReading, LawSummary, LinearLaw, MixedLaw, PairLaw
 from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk
-from .verdict import UNBOUNDED, conclude, judge
+from .verdict import conclude, judge
 from .version import __version__
 
 MOST_RELATED = 64  # targets of which covariances are told: 2016 pairs, 1 MB

@@ -8,15 +8,10 @@ from typing import Literal
 from .laws import level_of
 from .results import ERRORS, Check, Finding, Interval, Verdict
 from .results.digits import decimals_of, in_percent, length
-from .results.verdicts import decisive_check, name_all, name_basis
+from .results.verdicts import UNBOUNDED, decisive_check, name_all, name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
-# Of a mean of all shots, in some of which too few fiducials are left.
-UNBOUNDED = (
-    "shots that leave too few fiducials for an answer give it no upper end, however many are drawn; limit a quantile, "
-    "or the probability of an error"
-)
 
 
 def decide(interval: Interval, limit: float) -> Status:

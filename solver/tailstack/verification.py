@@ -67,11 +67,11 @@ from .results import (
 )
 from .results.digits import RESOLUTION_MM
 from .results.quality import ppk_of
-from .results.verdicts import BREACHES_MM, P95, Breach
+from .results.verdicts import BREACHES_MM, P95, UNBOUNDED, Breach
 from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
-from .verdict import UNBOUNDED, conclude, decide, judge
+from .verdict import conclude, decide, judge
 
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
 UNITS_PER_BATCH = 32

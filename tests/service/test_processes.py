@@ -319,7 +319,7 @@ def test_authentication_that_cannot_work_is_2_and_named(
 
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
 def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
-    with started(*TAILSTACK, "verify", DEMO, "--trials", "2000000000") as process:
+    with started(*TAILSTACK, "verify", DEMO, "--trials", "1000000000") as process:
         assert process.stderr is not None
         line = process.stderr.readline()  # of progress
         assert line.startswith("verify: ")

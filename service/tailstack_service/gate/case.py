@@ -14,9 +14,9 @@ from math import inf
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
-from tailstack.results.verdicts import is_of_all_shots, name_all
+from tailstack.results.verdicts import UNBOUNDED, is_of_all_shots, name_all
 from tailstack.statistic import STATISTIC, write_text
-from tailstack.verdict import UNBOUNDED, decide
+from tailstack.verdict import decide
 
 from .policy import Rules
 from .reading import Remark

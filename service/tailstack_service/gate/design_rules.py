@@ -15,11 +15,11 @@ from tailstack.fields import INTERFACES
 from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length, number
-from tailstack.results.verdicts import assumed_sentence, name_all
+from tailstack.results.verdicts import UNBOUNDED, assumed_sentence, name_all
 from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
-from tailstack.verdict import UNBOUNDED, say_why_open
+from tailstack.verdict import say_why_open
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
 from .case import Case, LimitComparison, bound_yield

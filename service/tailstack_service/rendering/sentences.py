@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 from tailstack.laws import level_of
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
 from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
-from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
+from tailstack.results.verdicts import UNBOUNDED, checks_sentence, decisive_check, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
-from tailstack.verdict import UNBOUNDED
 
 from .text import spell_count
 

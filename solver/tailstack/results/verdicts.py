@@ -21,6 +21,11 @@ Interval = tuple[float, float]
 Severity = Literal["error", "warning", "note"]
 P95 = 0.95  # the quantile that is shown everywhere
 STATED = ("requirement-failed", "requirement-inconclusive")  # rules of findings that repeat the verdict
+# Why a mean of all shots is open, in some of which too few fiducials are left.
+UNBOUNDED = (
+    "shots that leave too few fiducials for an answer give it no upper end, however many are drawn; limit a quantile, "
+    "or the probability of an error"
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,7 @@ from tailstack.results.tables import (
 )
 from tailstack.results.verdicts import (
     P95,
+    UNBOUNDED,
     breaches_table,
     decisive_check,
     is_of_all_shots,
@@ -49,7 +50,6 @@ from tailstack.results.verdicts import (
     shares_table,
     what_is_limited,
 )
-from tailstack.verdict import UNBOUNDED
 
 from ...rendering.document import (
     Block,
