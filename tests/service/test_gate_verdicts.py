@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from itertools import combinations
 from math import cos, dist, sin
 from typing import Any, get_args
@@ -215,6 +216,20 @@ def test_beads_that_merge_are_found_whatever_the_policy_asks_for() -> None:
     assert found[0].limit == pytest.approx(1.2 * tight + 3, rel=0.1)
     said = " ".join(finding.message for finding in score(load_design(design)).verdict.findings)
     assert "are needed by their size" in said
+
+
+def test_beads_that_merge_by_little_are_told_by_numbers_that_differ() -> None:
+    """closed form: what two balls need less 3 px grows with their diameter; here it is 0.01 px more than they have."""
+    design = limited(2 * P95)
+    design["fiducials"]["diameter_mm"] = 1.0
+    view = min(score(load_design(design)).views, key=lambda view: view.closest_pair_px - view.closest_pair_needs_px)
+    design["fiducials"]["diameter_mm"] = (view.closest_pair_px + 0.01 - 3) / (view.closest_pair_needs_px - 3)
+    found = of_rule(gate(design, policy=policy({"overlap": {"min_px": 1}})), "overlap")
+    said = [each.message for each in score(load_design(design)).verdict.findings if each.rule == "projected-overlap"]
+    assert len(found) == len(said) >= 1, "the gate remarks what the check remarks"
+    for message in (*said, found[0].message):
+        apart, needed = map(float, re.findall(r"([\d.]+) px", message))
+        assert apart < needed
 
 
 def test_a_process_that_judges_nothing_is_remarked_at_its_pattern() -> None:

@@ -47,7 +47,7 @@ def test_the_layout_keeps_what_it_was_told() -> None:
     np.testing.assert_array_equal([entry.after_mm for entry in result.moved], layout)
     views = score(load_design(result.design), losses=False).views
     assert all(view.smallest_margin_px is not None and view.smallest_margin_px >= 20 - 0.01 for view in views)
-    assert all(view.closest_pair_px >= 25 - 0.01 for view in views)
+    assert min(view.closest_pair_px for view in views) >= 25, "as checks measure it, after rounding"
 
 
 def test_the_record_is_plain_and_explains_itself() -> None:

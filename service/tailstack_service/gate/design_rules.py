@@ -14,7 +14,7 @@ from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
 from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
-from tailstack.results.digits import count_decimals, in_percent, length, number
+from tailstack.results.digits import at_least, at_most, count_decimals, in_percent, length, number
 from tailstack.results.verdicts import UNBOUNDED, assumed_sentence, name_all
 from tailstack.statistic import STATISTIC
 from tailstack.system import ROTATIONS, TRANSLATIONS
@@ -281,11 +281,12 @@ def find_close_images(case: Case) -> Iterator[Remark]:
     for view in case.score.views:
         least = case.rules.overlap.min_px
         if sized:  # their size may ask for more than the policy does
-            least = max(least, round(view.closest_pair_needs_px, 1))
+            least = max(least, view.closest_pair_needs_px)
         if view.closest_pair_px < least and view.closest_pair[1] in labels:
             message = (
-                f"view {view.view}: the images of {view.closest_pair[0]} and {view.closest_pair[1]} are "
-                f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart"
+                f"view {view.view}: the images of {' and '.join(view.closest_pair)} are "
+                f"{at_most(view.closest_pair_px, 3)} px apart, at least {at_least(least, 3)} px are required to tell "
+                "them apart"
             )
             pointer = point_at_fiducial(case.design, labels.index(view.closest_pair[1]))
             yield Remark(pointer, message, view.closest_pair_px, least)

@@ -12,7 +12,17 @@ from math import hypot
 from typing import TYPE_CHECKING
 
 from tailstack.laws import level_of
-from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
+from tailstack.results.digits import (
+    ESTIMATE,
+    at_least,
+    at_most,
+    count_decimals,
+    decimals_of,
+    in_percent,
+    length,
+    percent,
+    saving,
+)
 from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import UNBOUNDED, checks_sentence, decisive_check, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
@@ -123,8 +133,8 @@ def views_sentence(views: Sequence[ViewCheck]) -> str:
         tight = min(views, key=lambda view: view.closest_pair_px - view.closest_pair_needs_px)
         pair = " and ".join(tight.closest_pair)
         merged = tight.closest_pair_px < tight.closest_pair_needs_px
-        needs = f"; to be told apart they need {tight.closest_pair_needs_px:.0f} px" if merged else ""
-        parts.append(f"closest images: {pair} in {tight.view}, {tight.closest_pair_px:.0f} px apart{needs}")
+        needs = f"; to be told apart they need {at_least(tight.closest_pair_needs_px, 3)} px" if merged else ""
+        parts.append(f"closest images: {pair} in {tight.view}, {at_most(tight.closest_pair_px, 3)} px apart{needs}")
     return "; ".join(parts) + "." if parts else ""
 
 

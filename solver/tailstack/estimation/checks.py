@@ -21,6 +21,7 @@ from ..geometry.arrays import Array, frozen
 from ..geometry.camera import OVERLAP_PX, camera_centre, needed_gap, sines_between_rays
 from ..geometry.rotation import displacement, turn_by
 from ..results import Finding, ViewCheck
+from ..results.digits import at_least, at_most
 from ..system import Reading, System, View, Weighing
 from .least_squares import SplitProjection, images_of, resect_pose, split
 from .resection import (
@@ -308,10 +309,10 @@ def _check_visibility(
             problems += _outside(system, labels, each, view.image_size_px, pointer)
         apart, needed = check.closest_pair_px, check.closest_pair_needs_px
         if apart < needed:
-            size = "" if system.fiducial_radius_mm is None else f", {needed:.1f} px are needed by their size"
+            size = "" if system.fiducial_radius_mm is None else f", {at_least(needed, 3)} px are needed by their size"
             message = (
                 f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
-                f"{apart:.1f} px apart{size}: they may not be told apart"
+                f"{at_most(apart, 3)} px apart{size}: they may not be told apart"
             )
             findings.append(Finding("projected-overlap", "warning", message, pointer, apart, needed))
     if problems:

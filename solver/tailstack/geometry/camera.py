@@ -162,6 +162,11 @@ def needed_gap(projection: Array, radius_mm: float | None, depth: Any, other: An
     """
     if radius_mm is None:
         return OVERLAP_PX + 0.0 * (depth + other)
+    return shadow_radii(projection, radius_mm, depth, other) + BACKGROUND_PX
+
+
+def shadow_radii(projection: Array, radius_mm: float, depth: Any, other: Any) -> Any:
+    """Sum of the radii, px, of the shadows of two balls at these depths, mm; arguments as of ``needed_gap``."""
     left = projection[:, :3]
     focal = max(float(np.linalg.norm(cross(row, left[2]))) for row in left[:2])
-    return radius_mm * focal * (1 / depth + 1 / other) + BACKGROUND_PX
+    return radius_mm * focal * (1 / depth + 1 / other)
