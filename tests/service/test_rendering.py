@@ -24,7 +24,7 @@ from tailstack.scoring import score
 from tailstack_service.cli.demo import summary_text
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.rendering.document import Figure, findings_text
-from tailstack_service.rendering.sentences import views_sentence
+from tailstack_service.rendering.sentences import sources_of, views_sentence
 from tailstack_service.rendering.text import (
     WIDTH,
     Page,
@@ -368,6 +368,17 @@ def test_the_demo_compares_no_price_with_none() -> None:
         assert "cost" not in summary_text(*checks, full_result(cost_before=before))
     priced = summary_text(*checks, full_result(cost_before=1000.0))
     assert "cost of these tolerances: 1000 -> 1120 (+12 %)" in priced
+
+
+def test_a_standard_deviation_does_not_stand_for_a_half_width() -> None:
+    document = replaced(DEMO, ("execution",), {"repeatability": {"std_mm": 0.3}})
+    result = score(load_design(document), losses=False)
+    text = " ".join(OPERATIONS["score"].write(result).split())
+    assert "execution 0.3 σ mm" in text
+    assert "repeatability.x 0.3 σ mm" in text
+    assert [source.name for source in sources_of(result.targets[0], "tcp") if "σ 0.3 mm" in source.name] == [
+        "execution (σ 0.3 mm)"
+    ]
 
 
 def test_an_error_of_hundreds_of_millimetres_is_not_advised_a_tenth_tighter() -> None:

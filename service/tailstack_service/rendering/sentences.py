@@ -7,7 +7,7 @@ chapter on the method, and in the pages about it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ from tailstack.results.digits import (
     percent,
     saving,
 )
-from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, width_of
+from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, with_width
 from tailstack.results.verdicts import UNBOUNDED, checks_sentence, decisive_check, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
 
@@ -310,16 +310,14 @@ def sources_of(target: TargetScore, error: str) -> list[ErrorSource]:
     sources = []
     for total, components in group(target.contributors):
         if (key := (total.name, total.law == "known")) in shares:
-            width, unit = width_of(total, components)
-            whole = replace(total, half_width=width, unit=unit)
             share = total.variance_share if error == "tcp" else shares[key]
-            sources.append(ErrorSource(whole, share, tenth_of(components or (total,))))
+            sources.append(ErrorSource(with_width(total, components), share, tenth_of(components or (total,))))
     return sorted(sources, key=lambda source: source.share, reverse=True)
 
 
 def budget_line(line: Contributor) -> str:
     """A line of the budget in words, with its half-width."""
-    sign = "σ" if line.unit == "px" else "±"  # image noise has a standard deviation, no half-width
+    sign = "σ" if line.is_deviation else "±"
     width = "" if line.half_width is None else f" ({sign} {line.half_width:.3g} {line.unit})"
     return source_name(line) + width
 

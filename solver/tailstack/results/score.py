@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import hypot
+from dataclasses import dataclass, replace
+from math import hypot, isclose
 from typing import Any, Literal, NamedTuple, Protocol
 
 from tailstack.fields import INTERFACES
@@ -47,7 +47,7 @@ class Contributor:
     """Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what does not vary.
     """
     half_width: float | None
-    """Half-width of the tolerance (standard deviation of noise), in `unit`; null for a line of several."""
+    """Half-width of the tolerance (a standard deviation where one is given), in `unit`; null for a line of several."""
     unit: str
     """Unit of half-width and standard deviation: deg, mm, px, N or K; empty for a line of several."""
     std: float | None
@@ -72,6 +72,16 @@ class Contributor:
     def slope(self) -> float:
         """That of P95 by the half-width, mm per ``unit``; 0 where there is none."""
         return self.dp95_per_unit or 0.0
+
+    @property
+    def is_deviation(self) -> bool:
+        """Whether what stands as its half-width is one standard deviation."""
+        return bool(self.half_width) and isclose(self.half_width or 0.0, self.std or 0.0)
+
+    @property
+    def unit_in_words(self) -> str:
+        """Unit of the half-width, marked where it is a standard deviation."""
+        return f"σ {self.unit}" if self.is_deviation else self.unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -548,13 +558,15 @@ class BudgetLine(NamedTuple):
     @property
     def width(self) -> tuple[float | None, str]:
         """Half-width and unit."""
-        return width_of(self.line, self.parts)
+        whole = with_width(self.line, self.parts)
+        return whole.half_width, whole.unit_in_words
 
 
 BUDGET_NOTE = (
-    "Half-width, standard deviation and sensitivity are per component in the unit named (image noise: one standard "
-    "deviation); dP95/dh is what one unit of it changes P95 by. A line of a whole contributor sums up the components "
-    "below it, and has a half-width where all of them have the same. Drawn per: how often a source takes a new value."
+    "Half-width, standard deviation and sensitivity are per component in the unit named (marked σ: the half-width is "
+    "one standard deviation, as that of image noise); dP95/dh is what one unit of it changes P95 by. A line of a whole "
+    "contributor sums up the components below it, and has a half-width where all of them have the same. Drawn per: "
+    "how often a source takes a new value."
 )
 SMALL = {On.PLAIN | On.NOTEBOOK: 5e-3, On.DETAIL: 5e-4}  # share of the variance below which components are summed up
 
@@ -564,7 +576,7 @@ def budget_columns(decimals: int) -> tuple[Column, ...]:
     return (
         Column("Contributor", brief="source of error", of=lambda row: row.label),
         Column("Law", on=IN_DETAIL, of=lambda row: row.line.law),
-        Column("Half-width", "unit", "given", brief="±\n", of=lambda row: row.width[0]),
+        Column("Half-width", "unit", "given", brief="±\nor σ", of=lambda row: row.width[0]),
         Column("Unit", kind="unit", brief="unit\n", of=lambda row: row.width[1]),
         Column("Std", "unit", "significant", on=IN_DETAIL, of=lambda row: row.line.std),
         Column("Sensitivity", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.sensitivity_mm_per_unit),
@@ -640,10 +652,12 @@ def tenth_of(lines: Sequence[Contributor]) -> float | None:
     return sum(steps) if steps else None
 
 
-def width_of(line: Contributor, components: Sequence[Contributor]) -> tuple[float | None, str]:
-    """Half-width of a whole source and its unit, where its components have one and the same."""
-    widths = {(part.half_width, part.unit) for part in components}
-    return widths.pop() if line.half_width is None and len(widths) == 1 else (line.half_width, line.unit)
+def with_width(line: Contributor, components: Sequence[Contributor]) -> Contributor:
+    """A whole source with the half-width of its components, where they have one and the same."""
+    alike = len({(part.half_width, part.unit, part.is_deviation) for part in components}) == 1
+    if line.half_width is not None or not alike:
+        return line
+    return replace(line, half_width=components[0].half_width, unit=components[0].unit, std=components[0].std)
 
 
 def views_table(views: Sequence[ViewCheck]) -> Table:

@@ -260,7 +260,7 @@ def _budget_table(first: TargetScore, second: TargetScore, name: str, decimals: 
     rows = []
     for key in {**after, **before}:
         pair = (before.get(key), after.get(key))
-        unit = next((line.unit for line in pair if line is not None and line.unit), "")
+        unit = next((line.unit_in_words for line in pair if line is not None and line.unit), "")
         cells: list[Cell] = [source_name(after.get(key) or before[key]), unit]
         cells += [None if line is None else line.half_width for line in pair]
         each = zip(pair, totals, strict=True)
