@@ -15,6 +15,7 @@ from optimisation_scenes import bare_result, full_result, tolerance, verificatio
 
 from plain_data import DEMO, replaced
 from tailstack.design import load_design
+from tailstack.optimisation.half_widths import allocate
 from tailstack.results import Check, Contributor, CountTried, Finding, Verdict
 from tailstack.results.digits import number, percent
 from tailstack.results.optimisation import changes_table, moved_table
@@ -36,6 +37,7 @@ from tailstack_service.rendering.text import (
     write_on,
     write_table,
 )
+from tailstack_service.report.chapters.allocation import allocation_document
 from tailstack_service.report.chapters.score import levers_blocks
 
 
@@ -379,6 +381,11 @@ def test_a_standard_deviation_does_not_stand_for_a_half_width() -> None:
     assert [source.name for source in sources_of(result.targets[0], "tcp") if "σ 0.3 mm" in source.name] == [
         "execution (σ 0.3 mm)"
     ]
+
+
+def test_an_allocation_says_by_what_it_counts_which_half_width_moved_most() -> None:
+    found = allocate(load_design(DEMO))
+    assert f"; counted at the tool, {found.moved_most} moved most." in allocation_document(found, "0" * 64).sentence
 
 
 def test_an_error_of_hundreds_of_millimetres_is_not_advised_a_tenth_tighter() -> None:

@@ -20,7 +20,7 @@ def allocation_document(allocation: Allocation, sha256: str) -> Document:
     sentence = f"{aim} is out of reach: {held}."
     if kept:
         before = "" if allocation.cost_before is None else f", before {allocation.cost_before:.4g}"
-        moved = "" if allocation.moved_most is None else f"; {allocation.moved_most} moved most"
+        moved = "" if allocation.moved_most is None else f"; counted at the tool, {allocation.moved_most} moved most"
         sentence = f"{aim} costs {allocation.cost_after:.4g}{before}: by estimate it comes to "
         sentence += f"{at_most(allocation.value)} {unit}{moved}."
     locks = "".join(f" --lock {name}" for name in allocation.locked)

@@ -217,7 +217,7 @@ function wordsOf({ found, problem }: Answer, d: number, told: boolean): string {
   if (found.status === "out of reach") return wall(found);
   const least = `not below ${mm(found.least, d + 1)}${sign(found.unit)}, as ${holder(found)}`;
   const cost = `Cost ${costs(found)}`;
-  return told ? `${cost}${found.moved_most ? `; ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
+  return told ? `${cost}${found.moved_most ? `; counted at the tool, ${found.moved_most} moves most` : ""}${found.value <= NEAR * found.least ? `; ${least}` : ""}.` : `At this layout ${least}.`;
 }
 
 const waits = computed(() => drag.value !== null && (drag.value.at !== drag.value.heard || drag.value.done !== null));
