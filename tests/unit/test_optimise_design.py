@@ -200,6 +200,9 @@ def test_a_layout_that_hardly_matters_is_a_warning() -> None:
     floor = score(load_design(without_noise(data)), losses=False).targets[0].p95_mm
     assert floor / score(load_design(data), losses=False).targets[0].p95_mm > 0.995
     assert finding.value == pytest.approx(floor, rel=1e-5)
+    data["requirements"].append(data["requirements"][0] | {"name": "again", "limit_mm": 21.0})
+    data["optimise"].pop("requirement", None)
+    assert findings(data, "layout-influence") == [finding], "two limits on the same, and it is said once"
 
 
 def test_findings_are_in_the_record_and_nothing_is_said_of_what_acts_or_was_made_better() -> None:

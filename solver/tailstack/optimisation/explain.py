@@ -309,16 +309,17 @@ def refuse_incurable(problem: PlacementProblem) -> None:
 
 
 def _layouts(problem: PlacementProblem) -> list[Finding]:
-    """One remark for each requirement, at its worst target."""
-    findings = []
+    """One remark for each requirement, at its worst target; requirements that limit the same share one."""
+    findings: dict[str, Finding] = {}
     for requirement in problem.requirements:
         remarks = [
             remark
             for demand in problem.demands
             if demand.requirement.name == requirement.name and (remark := _layout(problem, demand)) is not None
         ]
-        findings += sorted(remarks, key=lambda remark: -(remark.value or 0.0))[:1]
-    return findings
+        for worst in sorted(remarks, key=lambda remark: -(remark.value or 0.0))[:1]:
+            findings.setdefault(worst.message, worst)
+    return list(findings.values())
 
 
 def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | None:
