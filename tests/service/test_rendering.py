@@ -25,7 +25,7 @@ from tailstack.scoring import score
 from tailstack_service.cli.demo import summary_text
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.rendering.document import Figure, findings_text
-from tailstack_service.rendering.sentences import sources_of, views_sentence
+from tailstack_service.rendering.sentences import losses_sentence, sources_of, views_sentence
 from tailstack_service.rendering.text import (
     WIDTH,
     Page,
@@ -381,6 +381,18 @@ def test_a_standard_deviation_does_not_stand_for_a_half_width() -> None:
     assert [source.name for source in sources_of(result.targets[0], "tcp") if "σ 0.3 mm" in source.name] == [
         "execution (σ 0.3 mm)"
     ]
+
+
+def test_what_each_unit_keeps_is_not_set_beside_what_all_together_do() -> None:
+    """Missed beads: what a requirement on each unit limits is one quantity, all shots of all units another."""
+    each = {"name": "each", "error": "tcp", "limit_mm": 1.1, "risk": "per_unit", "min_yield": 0.9}
+    document = replaced(replaced(DEMO, ("fiducials", "loss_probability"), 0.03), ("requirements", 0), each)
+    result = score(load_design(replaced(document, ("optimise",), None)))
+    said = losses_sentence(result.losses[0], result.verdict.checks)
+    assert said.startswith("P95 of each that 90 % of units keep is ")
+    separate = "; of all units together, which is another quantity: with each bead missed in 3 % of shots, 95 % of all "
+    assert separate in said
+    assert "limit" not in said.partition(separate)[2], "that of each unit is none on all together"
 
 
 def test_an_allocation_says_by_what_it_counts_which_half_width_moved_most() -> None:

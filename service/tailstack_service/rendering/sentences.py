@@ -24,7 +24,7 @@ from tailstack.results.digits import (
     saving,
 )
 from tailstack.results.score import MetricScore, group, single_lines, source_name, tenth_of, with_width
-from tailstack.results.verdicts import UNBOUNDED, checks_sentence, decisive_check, name_basis, rest_of
+from tailstack.results.verdicts import UNBOUNDED, checks_sentence, decisive_check, headline_of, name_basis, rest_of
 from tailstack.results.verification import MetricEstimate, TargetEstimate
 
 from .text import spell_count
@@ -72,8 +72,10 @@ def error_of(value_mm: float, interval_mm: tuple[float, float | None]) -> float:
 
 def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     """What a requirement comes to without the fiducials whose loss is worst; its quantile is that of its checks."""
-    limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
-    what = f"{limited} of {line.requirement or 'the error at the tool'}"
+    check = next((check for check in checks if check.requirement == line.requirement), None)
+    quantile, least = (0.95, None) if check is None else (check.quantile, check.min_yield)
+    risk = "pooled" if check is None else check.risk
+    what = headline_of(quantile, least, line.requirement or "the error at the tool", risk=risk)
     decimals = decimals_of(checks, line.value)
     clauses = [f"{what} is {length(line.value, decimals)} {line.unit} with all of them"]
     for worst in (line.single, line.double):
@@ -90,11 +92,12 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
         worst_of = f"the worst {'one' if len(worst.lost) == 1 else 'two'} to lose"
         clauses.append(f"without {lost}, {worst_of}, {length(worst.value, decimals)} {line.unit}{beyond}")
     if line.mixture is not None:
-        clauses.append(mixture_sentence(line.mixture, line, decimals))
+        pooled = "" if risk == "pooled" else "of all units together, which is another quantity: "
+        clauses.append(pooled + mixture_sentence(line.mixture, None if pooled else line.limit, line, decimals))
     return "; ".join(clauses) + "."
 
 
-def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
+def mixture_sentence(mixture: Mixture, limit: float | None, line: Losses, decimals: int) -> str:
     """What shots come to in which fiducials are missed as often as the design says."""
     low, high = (100 * p for p in (mixture.smallest_loss_probability, mixture.largest_loss_probability))
     often = f"{high:g} %" if low == high else f"{low:g} to {high:g} %"
@@ -102,7 +105,6 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
     if mixture.value is None:
         bound = f"there is no bound that {quantile} of all shots keep"
     else:
-        limit = line.limit
         broken = limit is not None and line.value <= limit < mixture.value
         beyond = f", beyond the limit of {limit:g} {line.unit}" if broken else ""
         bound = f"{quantile} of all shots are within {length(mixture.value, decimals)} {line.unit}{beyond}"
