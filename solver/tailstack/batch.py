@@ -82,7 +82,7 @@ DEFAULT_COLUMNS = ("p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits")
 _ASK = {"value", "within_limits", "verdict"}  # for the requirements
 REASON = "reason"  # name of the column that says why a row was not evaluated
 NO_REQUIREMENT = "no requirement"
-WITHIN = {True: "yes", False: "no"}
+WITHIN, OPEN = {True: "yes", False: "no"}, "open"
 
 WAYS = COMPILED, IN_FULL = ("compiled", "in full")
 QUANTILES = {"p95_mm": "tcp", "mean_norm_mm": "tcp", "localisation_p95_mm": "localisation"}  # of which error
@@ -115,7 +115,7 @@ class BatchScores:
 
     columns: Mapping[str, Array]
     """(n,) each, by name (``p95_mm:TARGET``): numbers, NaN where a row was not evaluated; texts in verdict (pass, fail,
-    inconclusive, no requirement) and within_limits (yes, no), empty where it was not."""
+    inconclusive, no requirement) and within_limits (yes, no, open), empty where it was not."""
     reasons: tuple[str, ...]
     """(n,) why a row was not evaluated; empty: it was."""
     ways: Mapping[str, int]
@@ -149,9 +149,9 @@ def score_batch(
 
     table: (n,) numbers by path, ``{"views.*.fiducial_noise_px": [...]}`` or a JSON pointer, in the unit of the field;
     a DataFrame of pandas or polars will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of
-    each target; value, the statistic that each requirement limits; within_limits, whether all of these are known to be;
-    verdict, which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the
-    answer does not depend on them.  ``progress(done, total)`` after each block.
+    each target; value, the statistic that each requirement limits; within_limits, whether all of these are (open: that
+    is not known); verdict, which also takes how far first order can be trusted, and costs some hundred times as much.
+    threads: the answer does not depend on them.  ``progress(done, total)`` after each block.
 
     Each number equals that of ``score`` to 1e-9.  A row that cannot be scored keeps its place, with the reason.  Raises
     SweepError for a path that leads to no number, columns of unequal length and values that are no numbers or missing,
@@ -407,8 +407,9 @@ class Batch:
             elif column == "verdict":
                 cells.append(conclude(tuple(checks), (), "first order").status)
             else:
-                kept = all(each.value <= each.limit and not each.open_because for each in checks)
-                cells.append(WITHIN[kept] if checks else NO_REQUIREMENT)
+                within = all(each.value <= each.limit for each in checks)
+                unsure = within and any(each.open_because for each in checks)
+                cells.append((OPEN if unsure else WITHIN[within]) if checks else NO_REQUIREMENT)
         return cells
 
 

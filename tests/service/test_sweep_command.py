@@ -45,6 +45,16 @@ def test_csv_has_a_line_for_each_point_and_target(call: Any) -> None:
     assert rows[-1]["p95_mm"] == ""
 
 
+def test_points_that_are_open_are_told_from_those_that_miss(call: Any, tmp_path: Path) -> None:
+    """At a limit within the interval of the first point's P95 that one is open, the other beyond it."""
+    design = small_design()
+    limit = score(load_design(design)).targets[0].p95_mm
+    design["requirements"] = [{"name": "tip", "error": "tcp", "limit_mm": limit}]
+    path = write_json(tmp_path / "design.json", design)
+    text = " ".join(call("sweep", str(path), "--set", "views.*.fiducial_noise_px=0.3,3")[1].split())
+    assert "0 of 2 points keep their requirements; 1 is open: neither kept nor missed for certain." in text
+
+
 def test_the_table_holds_every_point_and_why_some_were_refused(call: Any) -> None:
     text = call("sweep", DEMO, "--set", f"{RZ}=0.15,-1,0.3", "--set", "views.*.target_noise_px=0.1,0.3")[1]
     assert max(map(len, text.splitlines())) <= 100

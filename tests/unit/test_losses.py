@@ -335,7 +335,7 @@ def test_where_first_order_cannot_tell_nothing_passes_however_far_the_limit(prob
     assert all("missed" in each.message or "shots" in each.message or "calibrated" in each.message for each in stated)
     assert found.validity.expected_error_percent is None or found.validity.expected_error_percent > 5
     row = score_batch(load_design(data), {NOISE: [0.3]}, columns=["within_limits", "verdict"]).columns
-    assert (row["within_limits"][0], row["verdict"][0]) == ("no", "inconclusive")
+    assert (row["within_limits"][0], row["verdict"][0]) == ("open", "inconclusive")
 
 
 def test_seven_beads_of_which_some_are_missed_are_not_said_to_be_well_known():

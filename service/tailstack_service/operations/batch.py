@@ -76,8 +76,8 @@ class BatchOptions(Options):
         ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"]
     )
     """What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; value, the quantile
-    that each requirement limits; within_limits (yes, no), whether all of these are within their limits; verdict, which
-    also takes how far the estimate can be trusted, and costs more."""
+    that each requirement limits; within_limits (yes, no, or open: not known), whether all of these are within theirs;
+    verdict, which also takes how far the estimate can be trusted, and costs more."""
 
 
 @dataclass(slots=True)

@@ -115,12 +115,14 @@ class Sweep(Result):
             ]
         passing = sum(point.verdict == "pass" for point in self.points)
         refused = sum(point.status == "refused" for point in self.points)
+        left = sum(point.verdict == "inconclusive" for point in self.points)
+        unsure = f", {left:,} open" if left else ""
         more = f"; {refused:,} could not be computed, the column reason says why." if refused else "."
         return Outline(
             "Sweep, " + ("estimates" if self.check == "score" else "Monte Carlo checks"),
             self.provenance.design_name,
             "",
-            f"{len(self.points):,} points, {passing:,} of them pass{more}",
+            f"{len(self.points):,} points, {passing:,} of them pass{unsure}{more}",
             (Frame("points", tuple(rows), shown=points_table(self)),),
             self._curves(),
         )

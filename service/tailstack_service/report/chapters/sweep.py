@@ -115,10 +115,12 @@ def _range_sentence(sweep: Sweep, evaluated: Sequence[EvaluatedPoint]) -> str:
 
 
 def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
-    """How many designs pass; nothing where none is judged."""
+    """How many designs pass, and how many are open; nothing where none is judged."""
     judged = [point for point in sweep.points if point.verdict not in (None, "no requirement")]
     passed = sum(point.verdict == "pass" for point in judged)
-    return (f"{passed:,} of {len(judged):,} points keep their requirements.",) if judged else ()
+    left = sum(point.verdict == "inconclusive" for point in judged)
+    more = f"; {left:,} {'is' if left == 1 else 'are'} open: neither kept nor missed for certain" if left else ""
+    return (f"{passed:,} of {len(judged):,} points keep their requirements{more}.",) if judged else ()
 
 
 def _matters(sweep: Sweep) -> Iterator[str]:
