@@ -127,6 +127,9 @@ def test_an_error_in_a_referenced_file_stands_in_that_file(tmp_path):
     (tmp_path / "fiducials" / "marker8.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,three\n")
     problem = problems_of(load_design, tmp_path / "d.yaml", error=DesignError)[0]
     assert (problem.pointer, problem.file, problem.line) == ("/fiducials/file", "fiducials/marker8.csv", 2)
+    (tmp_path / "fiducials" / "marker8.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,3\n# a remark\nA,1,2,4\n")
+    problem = problems_of(load_design, tmp_path / "d.yaml")[0]
+    assert (problem.code, problem.file, problem.line) == ("duplicate-name", "fiducials/marker8.csv", 4)
 
 
 def test_the_same_beads_in_three_formats():

@@ -68,6 +68,7 @@ def test_refusals(text, code, line):
     assert line is None or problem.line == line
     assert problem.file == "d.yaml"
     assert "\t" not in text or "tab" in problem.hint
+    assert "examples/" not in problem.hint, "who installed it has none"
 
 
 def test_json_has_lines_and_columns_and_is_read_as_json():

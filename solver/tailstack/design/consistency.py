@@ -108,7 +108,7 @@ def _estimator(document: DesignDocument) -> Iterator[Problem]:
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
     """Labels: unique, and known where they are listed or the optimiser is told to keep them."""
     place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
-    problems = find_duplicates(fiducials.labels, place.format, "fiducials")
+    problems = find_duplicates(fiducials.labels, place.format, "fiducials", document.fiducials.file, fiducials.lines)
     for pointer, _, labels in _list_fiducials(document):
         problems += check_entries(pointer, "fiducial", labels, fiducials.labels)
     return problems + check_optimise_labels(document, fiducials)
@@ -357,8 +357,14 @@ def check_entries(pointer: str, what: str, entries: Sequence[str], known: Sequen
     return [*find_duplicates(entries, lambda index: f"{pointer}/{index}", "entries"), *chain.from_iterable(unknown)]
 
 
-def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: str) -> list[Problem]:
-    """A problem for each name that was there before, at the ``pointer`` of its index."""
+def find_duplicates(
+    names: Sequence[str],
+    pointer: Callable[[int], str],
+    what: str,
+    file: str | None = None,
+    lines: Sequence[int] = (),
+) -> list[Problem]:
+    """A problem for each name that was there before, at the ``pointer`` of its index; lines: each one's in the file."""
     if len(set(names)) == len(names):
         return []
     seen: set[str] = set()
@@ -366,7 +372,8 @@ def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: s
     for index, name in enumerate(names):
         if name in seen:
             detail = f"two {what} are called {name!r}"
-            problems.append(Problem(pointer(index), "duplicate-name", detail, "names are unique"))
+            place = (file, lines[index]) if lines else ()
+            problems.append(Problem(pointer(index), "duplicate-name", detail, "names are unique", *place))
         seen.add(name)
     return problems
 

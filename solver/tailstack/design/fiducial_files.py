@@ -12,7 +12,7 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import UnionType
 from typing import Any, Literal
 
@@ -64,6 +64,7 @@ class FiducialTable:
     stated: bool = True  # false: the system is what files of the format meant that do not say
     left_out: Sequence[str] = ()  # labels of points that have no position, with their state
     remarks: Sequence[str] = ()  # sentences: other rows that were left out, and what was read as it is not written
+    lines: Sequence[int] = ()  # of the file, in which the rows stand; empty: it has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,7 @@ class FiducialList:
     labels: tuple[str, ...]
     positions_mm: tuple[tuple[float, float, float], ...]
     origin: FiducialOrigin | None = None
+    lines: tuple[int, ...] = field(default=(), compare=False)  # of the file, each; empty where that is not known
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -120,7 +122,8 @@ def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -
             detail = f"{name} holds {count} {what}; at most {limits.fiducials}"
             raise LimitError(Problem("", "too-many", detail, file=name))
     labels, positions_mm = _read_position(table, name)
-    return FiducialList(labels, positions_mm, _origin(table, name, hashlib.sha256(content).hexdigest()))
+    origin = _origin(table, name, hashlib.sha256(content).hexdigest())
+    return FiducialList(labels, positions_mm, origin, tuple(table.lines))
 
 
 def _origin(table: FiducialTable, name: str, sha256: str) -> FiducialOrigin:
@@ -244,6 +247,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
         raise table.refuse("csv-header", f"unknown or repeated column {heading}", EXAMPLE, table.header_line)
     at_label = others[(names or numbering)[0]] if names or numbering else None
     rows: list[tuple[str, list[float]]] = []
+    lines: list[int] = []
     left_out: list[str] = []
     for line, cells in table.rows:
         label = "" if at_label is None else re.sub(r"^'(?=[=+\-@])", "", cells[at_label].strip())  # see sheet_csv
@@ -256,6 +260,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
             ]
             if not any(map(is_missing, xyz)):
                 rows.append((label, xyz))
+                lines.append(line)
                 continue
             state = "missing"
         left_out.append(_name_left(label, f"line {line}", state))
@@ -268,7 +273,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     if system and stated not in (None, system):
         detail = f"columns {', '.join(axes)} are {system}, and a remark says {stated}"
         raise table.refuse("contradiction", detail, "leave the remark out", table.header_line)
-    return FiducialTable(rows, unit, system or stated or "LPS", left_out=left_out, remarks=remarks)
+    return FiducialTable(rows, unit, system or stated or "LPS", left_out=left_out, remarks=remarks, lines=lines)
 
 
 EXAMPLE = "for example label,x_mm,y_mm,z_mm"

@@ -210,7 +210,7 @@ def _check_schema_name(source: DocumentSource) -> None:
         raise DesignError(place(point_list_problem(source.file), source))
     if not isinstance(data, dict):
         detail = f"a design is a mapping of fields; got {show(data)}"
-        raise DesignError(place(Problem("", "wrong-type", detail, "start from examples/demo.yaml"), source))
+        raise DesignError(place(Problem("", "wrong-type", detail, "start from `tailstack example demo`"), source))
     if "$schema" in data and "schema" not in data:
         detail = "this is a JSON schema, the rules for designs and not a design"
         hint = "editors use it; tailstack init makes a design, tailstack example prints others"

@@ -187,7 +187,7 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
         raise DesignError(_unseen_problem(text, found.start(), file, IN_QUOTES))
     if not text.strip():
         detail = "the document is empty"
-        raise DesignError(problem("empty-document", detail, "start from examples/demo.yaml", file=file))
+        raise DesignError(problem("empty-document", detail, "start from `tailstack example demo`", file=file))
     if form == "json" or (form == "auto" and text.lstrip()[:1] == "{"):
         try:
             return DocumentSource(_from_json(text, limits, file), file, directory, json_text=text)
@@ -598,7 +598,7 @@ def _build(loader: Any, file: str | None, limits: Limits, unseen: _Unseen) -> tu
     unseen.refuse_before(len(unseen.text))
     if builder.root is None:
         detail = "the document is empty"
-        raise DesignError(problem("empty-document", detail, "start from examples/demo.yaml", file=file))
+        raise DesignError(problem("empty-document", detail, "start from `tailstack example demo`", file=file))
     return builder.root
 
 
