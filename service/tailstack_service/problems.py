@@ -53,6 +53,10 @@ class PdfUnavailable(TailstackError, slug="pdf-unavailable", title="PDF cannot b
     """The libraries that write PDF are not installed here."""
 
 
+class OutputError(TailstackError, slug="cannot-write", title="An output cannot be written"):
+    """A file, a stream or the standard output does not take what was to be written."""
+
+
 class RequestError(TailstackError, slug="invalid-request", title="The request is not valid", exit_code=2):
     """The request around the design is wrong: an option, a setting, a flag."""
 

@@ -284,6 +284,18 @@ def test_a_traceback_that_is_asked_for_changes_no_exit_code(
     assert plain[:2] == [2, 3]
 
 
+def test_a_standard_output_that_takes_nothing_is_told_as_that() -> None:
+    """What a full disk says is no request that is not valid; --json has a type of its own for it."""
+    with open("/dev/full", "wb") as full:
+        plain = run_python("-m", "tailstack", "version", stdout=full)
+        record = run_python("-m", "tailstack", "validate", "--json", DEMO, stdout=full)
+    assert (plain.returncode, record.returncode) == (3, 3)
+    assert "cannot write to standard output: No space left on device" in plain.stderr
+    assert "next: make room or name another place, then repeat the command" in plain.stderr
+    told = json.loads(record.stderr)
+    assert (told["type"], told["status"]) == ("/v1/problems/cannot-write", 500)
+
+
 @pytest.mark.parametrize("where", ["tailstack.scoring.score", "tailstack_service.cli.main.build_parser"])
 def test_an_interrupt_is_130_at_work_and_while_the_command_is_read(
     where: str, call: Any, monkeypatch: pytest.MonkeyPatch

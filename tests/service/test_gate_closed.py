@@ -216,9 +216,9 @@ ANALYTIC = (*TAILSTACK, "gate", "good.yaml", "--policy=policy.yaml", "--mode=ana
 @pytest.mark.parametrize(
     ("text", "stdout", "said"),
     [
-        ("text", "/dev/full", "cannot write to stdout: No space left on device"),
+        ("text", "/dev/full", "cannot write to standard output: No space left on device"),
         ("text=/dev/full", os.devnull, "cannot write /dev/full: No space left on device"),
-        ("text", None, "cannot write to stdout: it is closed"),
+        ("text", None, "cannot write to standard output: it is closed"),
     ],
     ids=["stdout", "stream", "closed"],
 )

@@ -25,7 +25,7 @@ from ..console.progress import Progress
 from ..environment import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
 from ..gate.file_names import is_wild, normalise
-from ..problems import RequestError
+from ..problems import OutputError, RequestError
 from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
 if TYPE_CHECKING:
@@ -117,11 +117,10 @@ def _print_body(body: str | bytes) -> list[Problem]:
         write_out(body)
     except BrokenPipeError:
         pass
-    except OSError as error:
+    except OutputError as error:
         with suppress(OSError, AttributeError), open(os.devnull, "wb") as nowhere:
             os.dup2(nowhere.fileno(), sys.stdout.fileno())  # or the interpreter's last flush would complain again
-        detail = f"cannot write to stdout: {error.strerror or error}"
-        return [Problem("", "not-written", detail, "the verdict is in the exit code: run the gate again")]
+        return [replace(error.problems[0], hint="the verdict is in the exit code: run the gate again")]
     return []
 
 
@@ -133,7 +132,7 @@ def _make_record(
     What stops it stands on stderr and in the record.
     """
     from ..console.refusals import report_error, report_failure
-    from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
+    from .gate_outputs import INTERRUPTED, NOT_FINISHED, record_unfinished
 
     known = partial(record_unfinished, arguments, today())
     files = [show_name(name) for name in arguments.design]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
-from tailstack.errors import Problem, TailstackError
+from tailstack.errors import Problem
 from tailstack.version import __version__
 
 from ..console.files import Staged, append, is_stream, stage
@@ -27,10 +27,6 @@ from .gate_files import Anchors
 SUMMARY = "GITHUB_STEP_SUMMARY"
 FOR_PEOPLE = ("text", "markdown", "github")  # on stdout they say why a gate failed
 MEND = "make room for it or give another name, then run the gate again: no verdict is given without its files"
-
-
-class OutputError(TailstackError, slug="invalid-request", title="An output cannot be written"):
-    """Somewhere an output was asked for cannot be written to."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from tailstack.cures import ask_label, ask_meant, find_nearest
+from tailstack.errors import Problem
 
 from ..environment import COMMAND
 from ..rendering.text import WIDTH, Page
@@ -50,15 +51,23 @@ def exit_code_of_points(record: Sweep | StudyLinearity) -> int:
 
 
 def write_out(body: str | bytes) -> None:
-    """An answer to stdout, its last line ended.  Raises OSError."""
-    if sys.stdout is None:
-        raise OSError(errno.EBADF, "it is closed")
-    if isinstance(body, bytes):
+    """An answer to stdout, its last line ended.  Raises BrokenPipeError where the reader has left, OutputError."""
+    try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "it is closed")
+        if isinstance(body, bytes):
+            sys.stdout.flush()
+            sys.stdout.buffer.write(body if body.endswith(b"\n") or not body else body + b"\n")
+        else:
+            sys.stdout.write(body)
         sys.stdout.flush()
-        sys.stdout.buffer.write(body if body.endswith(b"\n") or not body else body + b"\n")
-    else:
-        sys.stdout.write(body)
-    sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        from ..problems import OutputError
+
+        detail = f"cannot write to standard output: {error.strerror or error}"
+        raise OutputError(Problem("", "not-written", detail)) from error
 
 
 # --- what the command is called here, what is wrong with one, what was meant, what to type next -------

@@ -25,6 +25,7 @@ NEXT = {
     "not-converged": "tailstack verify {file} --trials 100000",
     "infeasible": "tailstack score {file}   (its budget shows what to tighten)",
     "missing-extra": "install it, then repeat the command",
+    "cannot-write": "make room or name another place, then repeat the command",
     "limit-exceeded": "tailstack {verb} --help",
     "invalid-request": "tailstack {verb} --help",
 }
