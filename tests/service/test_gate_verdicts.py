@@ -219,11 +219,16 @@ def test_beads_that_merge_are_found_whatever_the_policy_asks_for() -> None:
 
 
 def test_beads_that_merge_by_little_are_told_by_numbers_that_differ() -> None:
-    """closed form: what two balls need less 3 px grows with their diameter; here it is 0.01 px more than they have."""
+    """closed form: what two balls need less 3 px grows with their diameter; here it is 0.02 px more than they have,
+    and 0.001 px, which rounding takes and nobody is told of."""
     design = limited(2 * P95)
     design["fiducials"]["diameter_mm"] = 1.0
     view = min(score(load_design(design)).views, key=lambda view: view.closest_pair_px - view.closest_pair_needs_px)
-    design["fiducials"]["diameter_mm"] = (view.closest_pair_px + 0.01 - 3) / (view.closest_pair_needs_px - 3)
+    per_mm = view.closest_pair_needs_px - 2.99  # 3 px of background less what rounding may take
+    design["fiducials"]["diameter_mm"] = (view.closest_pair_px + 0.001 - 3) / per_mm
+    assert not of_rule(gate(design, policy=policy({"overlap": {"min_px": 1}})), "overlap")
+    assert "projected-overlap" not in {each.rule for each in score(load_design(design)).verdict.findings}
+    design["fiducials"]["diameter_mm"] = (view.closest_pair_px + 0.02 - 3) / per_mm
     found = of_rule(gate(design, policy=policy({"overlap": {"min_px": 1}})), "overlap")
     said = [each.message for each in score(load_design(design)).verdict.findings if each.rule == "projected-overlap"]
     assert len(found) == len(said) >= 1, "the gate remarks what the check remarks"

@@ -12,6 +12,7 @@ from tailstack.cures import ask_label
 from tailstack.design import Design
 from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
+from tailstack.geometry.camera import ROUNDING_PX
 from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import at_least, at_most, count_decimals, in_percent, length, number
@@ -279,10 +280,9 @@ def find_close_images(case: Case) -> Iterator[Remark]:
     """Rule overlap: images of two fiducials may not be told apart."""
     labels, sized = case.design.fiducials.labels, case.design.document.fiducials.diameter_mm is not None
     for view in case.score.views:
-        least = case.rules.overlap.min_px
-        if sized:  # their size may ask for more than the policy does
-            least = max(least, view.closest_pair_needs_px)
-        if view.closest_pair_px < least and view.closest_pair[1] in labels:
+        asked, needed = case.rules.overlap.min_px, view.closest_pair_needs_px if sized else 0.0
+        least = max(asked, needed)
+        if view.closest_pair_px < max(asked - ROUNDING_PX, needed) and view.closest_pair[1] in labels:
             message = (
                 f"view {view.view}: the images of {' and '.join(view.closest_pair)} are "
                 f"{at_most(view.closest_pair_px, 3)} px apart, at least {at_least(least, 3)} px are required to tell "

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
 from ..geometry.arrays import Array, frozen
-from ..geometry.camera import OVERLAP_PX, camera_centre, needed_gap, sines_between_rays
+from ..geometry.camera import OVERLAP_PX, ROUNDING_PX, camera_centre, needed_gap, sines_between_rays
 from ..geometry.rotation import displacement, turn_by
 from ..results import Finding, ViewCheck
 from ..results.digits import at_least, at_most
@@ -186,6 +186,7 @@ def _check_view(share: Share, sight: Sight, radius_mm: float | None) -> ViewChec
     distance = float(apart[first, second])
     needed = needed_gaps(view, radius_mm, np.where(depth > 0, depth, np.nan))
     if radius_mm is not None and first < second:
+        needed -= ROUNDING_PX
         to_spare = apart - needed
         first, second = divmod(int(np.where(np.isnan(to_spare), np.inf, to_spare).argmin()), len(images))
         distance = float(apart[first, second])

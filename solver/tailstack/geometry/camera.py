@@ -19,6 +19,7 @@ from .rotation import rigid_transform, unit
 
 OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
 BACKGROUND_PX = 3.0  # judgement: between two shadows, a pixel of background beside the blurred edge of each
+ROUNDING_PX = 0.01  # images nearer by less than this keep their distance: beads rounded to 1 um move by less in them
 
 
 def intrinsic_matrix(focal_px: tuple[float, float], principal_point_px: tuple[float, float], skew_px: float) -> Array:
@@ -162,11 +163,6 @@ def needed_gap(projection: Array, radius_mm: float | None, depth: Any, other: An
     """
     if radius_mm is None:
         return OVERLAP_PX + 0.0 * (depth + other)
-    return shadow_radii(projection, radius_mm, depth, other) + BACKGROUND_PX
-
-
-def shadow_radii(projection: Array, radius_mm: float, depth: Any, other: Any) -> Any:
-    """Sum of the radii, px, of the shadows of two balls at these depths, mm; arguments as of ``needed_gap``."""
     left = projection[:, :3]
     focal = max(float(np.linalg.norm(cross(row, left[2]))) for row in left[:2])
-    return radius_mm * focal * (1 / depth + 1 / other)
+    return radius_mm * focal * (1 / depth + 1 / other) + BACKGROUND_PX

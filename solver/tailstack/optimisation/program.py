@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from ..geometry.camera import image_of, needed_gap, shadow_radii
+from ..geometry.camera import image_of, needed_gap
 from ..system import ArrayLike, Requirement, View
 from .curvature import Curvature
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
@@ -261,7 +261,7 @@ def _build(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: i
     rows, expressions = zip(
         *_quantile_rows(problem, terms, symbols, design),
         *_cost_row(problem, cost),
-        *geometric_rows(problem, terms, design.points, GRID_MM),
+        *geometric_rows(problem, terms, design.points),
         *_keep_out_rows(problem, design.points, choosers),
         strict=True,
     )
@@ -569,13 +569,8 @@ class ConstraintRow:
 Rows = Iterator[tuple[ConstraintRow, Any]]
 
 
-def geometric_rows(
-    problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: ArrayLike, reserve_mm: float = 0.0
-) -> Rows:
-    """Row and expression, each about 1 in size; points (N, 3) mm, floats or symbols.
-
-    ``reserve_mm``: how far each fiducial may move afterwards, by rounding, and its image still keep its distance.
-    """
+def geometric_rows(problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: ArrayLike) -> Rows:
+    """Row and expression, each about 1 in size; points (N, 3) mm, floats or symbols."""
     if not problem.places:
         return
     yield from _spacing(problem, points)
@@ -583,7 +578,7 @@ def geometric_rows(
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
         image = image_of(homogeneous)
-        yield from _image_distances(problem, view, image, homogeneous[:, 2], reserve_mm)
+        yield from _image_distances(problem, view, image, homogeneous[:, 2])
         yield from _target_clearance(problem, terms, view, projection, image)
         yield from _field(problem, view, projection, homogeneous)
     yield from _regions(problem, points)
@@ -614,19 +609,16 @@ def _spacing(problem: PlacementProblem, points: ArrayLike) -> Rows:
         yield _apart("spacing", f"spacing of {labels}", (i, j), points[i] - points[j], problem.min_spacing_mm)
 
 
-def _image_distances(
-    problem: PlacementProblem, view: View, image: ArrayLike, depth: ArrayLike, reserve_mm: float
-) -> Rows:
+def _image_distances(problem: PlacementProblem, view: View, image: ArrayLike, depth: ArrayLike) -> Rows:
     """The distance that is asked for; shadows of balls must not merge, whatever that is."""
     least, radius = problem.min_projected_spacing_px, problem.system.fiducial_radius_mm
     if least > 0:
         for (i, j), labels in _pairs(problem):
             text = f"images of {labels} in {view.name}"
-            asked = least + shadow_radii(view.projection, reserve_mm, depth[i], depth[j])
-            yield _apart("projected_spacing", text, (i, j), image[i] - image[j], asked)
+            yield _apart("projected_spacing", text, (i, j), image[i] - image[j], least)
     if radius is not None:
         for (i, j), labels in _pairs(problem):
-            needed = needed_gap(view.projection, radius + reserve_mm, depth[i], depth[j])
+            needed = needed_gap(view.projection, radius, depth[i], depth[j])
             yield _apart("image_gap", f"shadows of {labels} in {view.name}", (i, j), image[i] - image[j], needed)
 
 
