@@ -108,6 +108,8 @@ def test_the_command_writes_every_form_and_refuses_what_is_not_for_a_supplier(
     tampered = (tmp_path / "demo.supplier.json").read_text().replace("-29.0", "-28.0")
     (tmp_path / "other.json").write_text(tampered)
     assert call("report", "--verify", tmp_path / "other.json", demo)[0] == 1
+    other = EXAMPLES / "first_carrier.yaml"
+    assert call("report", "--verify", tmp_path / "demo.supplier.html", other)[0] == 1, "it is not that of this design"
     assert "--supplier --format csv" in refused("report", demo, "--format", "csv")
     assert "one design" in refused("report", demo, demo, "--supplier")
     assert "--seed" in refused("report", demo, "--supplier", "--seed", "3")

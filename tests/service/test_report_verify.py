@@ -464,7 +464,9 @@ def test_a_result_without_its_design_asks_for_it(tmp_path: Path, call: Any, refu
     wrong = write_json(tmp_path / "wrong.json", limited(0.9, name="another"))
     assert call("report", "--verify", path, right)[0] == 0
     assert "FILE DESIGN" in refused("report", "--verify", path)
-    assert "another design" in refused("report", "--verify", path, wrong)
+    code, said, _ = call("report", "--verify", path, wrong)
+    assert (code, said.splitlines()[-1]) == (1, "differs")
+    assert "\n! design   this is another design: its SHA-256 is " in said
     assert "does not hold the design" in refused("report", path, right, "-o", tmp_path)
 
 
