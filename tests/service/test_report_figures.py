@@ -48,7 +48,15 @@ SVG = "{http://www.w3.org/2000/svg}"
 ROUNDING = 0.051  # the page has one decimal
 WRITTEN = 6e-4  # mm: a scene has three decimals
 HOSTILE = '</title><script>alert(1)</script>&"'
-NAMES = ["demo", "flat_plate", "locators_321", "slicer_markups", "small_cluster_far_target", "tube_carrier"]
+NAMES = [
+    "demo",
+    "flat_plate",
+    "locators_321",
+    "radiostereometry",
+    "slicer_markups",
+    "small_cluster_far_target",
+    "tube_carrier",
+]
 
 
 def example(name: str) -> Design:
@@ -350,8 +358,12 @@ def test_an_ellipsoid_is_drawn_as_its_outline() -> None:
 def test_every_example_is_legible(name: str) -> None:
     design = example(name)
     svg = draw_scene(scene(design))
-    check_picture(svg)
+    root = check_picture(svg)
     assert svg == draw_scene(scene(example(name)))
+    plain = [entry for entry in root.iter(f"{SVG}text") if not {"text-anchor", "font-weight"} & entry.attrib.keys()]
+    boxes = [(float(e.attrib["x"]), float(e.attrib["y"]), 6 * len(e.text or "")) for e in plain]
+    for (x, y, wide), (left, low, across) in combinations(boxes, 2):
+        assert abs(y - low) > 6 or x + wide < left + 3 or left + across < x + 3, "one label does not lie on another"
     check_picture(draw_images(design, design.name))
 
 

@@ -34,7 +34,7 @@ from .svg import (
 NEAR, FAR = (8, 26.0, 436, 400), (460, 26.0, 252, 212)  # left, top, width, height of the two panels
 PAD = 26
 STRIP = 34  # kept at the foot of a panel for its axes and bar
-ROOM = 700  # area of page for each label of a fiducial: with less, none is shown
+ROOM = 700  # area of page for each label of a fiducial or target: with less, none of that kind is shown
 AROUND = ("fiducials", "targets", "keep-out")  # with sources and detectors, what the whole set-up shows
 CIRCLE = 40
 COLOURS = {**LABEL_COLOUR, "keep-out": LOOKS["keep-out"]["stroke"], "old": MUTED}
@@ -205,12 +205,14 @@ def _ellipse(form: Array) -> tuple[float, float, float]:
 
 
 def _labels(sight: FittedCamera, items: Sequence[Item]) -> list[str]:
-    """Names beside what they name; those of fiducials only where there is room for them."""
+    """Names beside what they name; those of fiducials and of targets only where there is room for them."""
     left, top, width, height = sight.panel
     inside = (left + 2, top + 2, left + width - 2, top + height - 2)
-    places = [sight.page(np.array(item.points[:1]))[0] for item in items if item.layer == "fiducials"]
-    spread = np.ptp(np.array(places), axis=0) + 40 if places else np.zeros(2)
-    crowded = len(places) > 1 and float(spread[0] * spread[1]) < ROOM * len(places)
+    crowded = set()
+    for layer in ("fiducials", "targets"):
+        places = [sight.page(np.array(item.points[:1]))[0] for item in items if item.layer == layer]
+        if len(places) > 1 and float(np.prod(np.ptp(np.array(places), axis=0) + 40)) < ROOM * len(places):
+            crowded.add(layer)
     ends = _axis_ends(sight)
     points = [MarkedPoint(x, y - 4, "") for _, _, (x, y) in ends]  # which labels leave alone
     colours = [INK] * len(points)
@@ -226,7 +228,7 @@ def _labels(sight: FittedCamera, items: Sequence[Item]) -> list[str]:
         tail = item.kind != "arrow" or item.layer == "directions"
         x, y = (page.mean(axis=0) if item.kind == "line" else page[0] if tail else page[-1]).tolist()
         if inside[0] <= x <= inside[2] and inside[1] <= y <= inside[3]:
-            points.append(MarkedPoint(x, y, "" if crowded and item.layer == "fiducials" else item.label))
+            points.append(MarkedPoint(x, y, "" if item.layer in crowded else item.label))
             colours.append(COLOURS.get(item.look, MUTED))
     placed = zip(points, label_places(points, lines, inside, FONT), colours, strict=True)
     return [part for point, (x, y), colour in placed if point.text for part in label_lines(x, y, point.text, colour)]
