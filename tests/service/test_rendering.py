@@ -96,6 +96,12 @@ def test_a_table_fits_every_terminal_and_loses_no_column(width: int, count: int,
         assert "".join("".join(line[:width_of_name] for line in lines[3:]).split()) == "".join(name.split())
 
 
+def test_no_word_of_a_text_is_broken_where_columns_can_go_below() -> None:
+    head, row = ("requirement", "what", "value", "from", "to"), ("tip-accuracy", "probability beyond", *["0.10795"] * 3)
+    with write_on(Page(48)):
+        assert draw_table(head, [row], left=2).count("probability") == 2
+
+
 def test_a_wide_terminal_gives_names_their_room_and_paragraphs_a_readable_width() -> None:
     name = "carrier of the left arm on the connector, with two dowel pins and four bolts, ground"
     with write_on(Page(160)):

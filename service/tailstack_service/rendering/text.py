@@ -189,13 +189,19 @@ def _page_width() -> int:
 
 
 def _fit(header: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[int]:
-    """Widths of the columns; those of ``texts`` give way where the page is too narrow, the widest first."""
+    """Widths of the columns; those of ``texts`` give way where the page is too narrow, the widest first.
+
+    Short words are broken only where the texts with a single column beside them are still too wide.
+    """
     needed = [max(columns(line) for line in head.split("\n")) for head in header]
     widths = [max([needed[k], *(columns(visible(row[k])) for row in rows)]) for k in range(len(header))]
     words = {k: max((columns(word) for row in rows for word in visible(row[k]).split()), default=0) for k in texts}
+    others = [width for k, width in enumerate(widths) if k not in texts]
     for longest in LONGEST_WORDS:
+        beside = others if longest > LONGEST_WORDS[-1] else sorted(others)[-1:]
+        fixed = sum(beside) + 2 * (len(texts) + len(beside) - 1)
         least = {k: max(needed[k], min(words[k], longest), LEAST_WIDTH) for k in texts}
-        while sum(widths) + 2 * (len(widths) - 1) > _page_width() and any(widths[k] > least[k] for k in texts):
+        while fixed + sum(widths[k] for k in texts) > _page_width() and any(widths[k] > least[k] for k in texts):
             widths[max(texts, key=lambda k: widths[k] - least[k])] -= 1
     return widths
 
