@@ -16,7 +16,7 @@ from .checks import FLAT, examine, look
 from .resection import COPLANAR, SINGULAR, design_matrix, hartley_similarity, homogeneous
 
 SYSTEMS, PATTERNS = 64, 2**17  # of missed fiducials, of which is kept whether they leave an answer
-LOOKED_AT = 5000  # patterns, those that miss fewest fiducials first, of which a design is asked whether they do
+LOOKED_AT = 1000  # patterns, those that miss fewest fiducials first, of which a design is asked whether they do
 NEGLIGIBLE = 1e-9  # probability of what no fleet of robots sees happen
 
 
