@@ -22,6 +22,7 @@ from scipy.special import ndtri
 from .contributors import ErrorLaw, error_law, law_of
 from .errors import IllPosedError
 from .estimation.checks import examine
+from .estimation.missed import leave_answers
 from .estimation.resection import project
 from .geometry.arrays import Array, frozen
 from .laws import BOUNDED
@@ -312,16 +313,16 @@ class LossSearch:
         Patterns of more losses than are looked at do not count as beyond, as they do in ``shots``, which is a bound:
         they are as if they were like the others.
         """
-        masks, weights, examined = self._patterns(error, quantile, (name,))
+        masks, weights, examined = self._patterns
         return self._mix(name, error, quantile, masks, weights / examined)
 
     def law_of_shots(self, name: str, error: str, quantile: float) -> MixedLaw:
         """The same as ``shots`` have it: the first of its laws is that of no loss."""
-        masks, weights, _ = self._patterns(error, quantile, (name,))
+        masks, weights, _ = self._patterns
         return self._mix(name, error, quantile, masks, weights)
 
     def _find_shots(self, name: str, error: str, quantile: float) -> Shots:
-        masks, weights, examined = self._patterns(error, quantile, (name,))
+        masks, weights, examined = self._patterns
         targets = self.metrics[name, error].site.weights
         errors = np.array([max(self._error_of(target, mask.tobytes()) for target in targets) for mask in masks])
         return Shots(self._mix(name, error, quantile, masks, weights), errors, max(1.0 - examined, 0.0))
@@ -346,28 +347,18 @@ class LossSearch:
             laws.append(worst_case(law, bounded, quantile).law if bounded.any() else law)
         return MixedLaw(laws, weights, quantile)
 
-    def _patterns(self, error: str, quantile: float, targets: Sequence[str]) -> tuple[Array, Array, float]:
+    @cached_property
+    def _patterns(self) -> tuple[Array, Array, float]:
         """Losses of none, one and two (of very many fiducials: one) that leave an answer: masks (S, N), and their
         probabilities (S,); then the probability of all that were examined, with or without an answer."""
+        each = [self.losses(lost) for lost in range(3 if self.count <= PAIRS_UP_TO else 2)]
+        masks = np.concatenate([gains.kept for gains in each])
+        finite = [np.isfinite(gains.imaged).all((0, 2, 3)) & np.isfinite(gains.moved).all((0, 2, 3)) for gains in each]
         probability = np.array(self.system.loss_probability)
-        numbers = range(3 if self.count <= PAIRS_UP_TO else 2)
-        masks = np.concatenate([self.losses(lost).kept for lost in numbers])
-        each = [self._ranking(lost, error, quantile, tuple(targets)).quantile for lost in numbers]
         weights = np.where(masks > 0, 1 - probability, probability).prod(axis=1)
-        answered = (weights > 0) & self._find_answered(masks, np.concatenate(each, axis=1))
+        answered = (weights > 0) & np.concatenate(finite)
+        answered[answered] = leave_answers(self.system, masks[answered] == 0)
         return masks[answered], weights[answered], float(weights.sum())
-
-    def _find_answered(self, masks: Array, forms: Array) -> NDArray[np.bool_]:
-        """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be.
-
-        forms (T, S) mm: of losses by Pearson's form, the first of nothing.
-        """
-        fewest = self.system.estimator.traits.fewest_fiducials
-        answered = np.asarray((masks @ self.chain.weights.T).min(axis=1) >= fewest)
-        answered &= (forms < inf).all(axis=0)
-        for s in self._find_doubted(forms, forms[:, :1]):
-            answered[s] = answered[s] and not self._refusal(masks[s].tobytes())
-        return answered
 
     def _find_doubted(self, forms: Array, whole: Array) -> list[int]:
         """Losses that may leave a structure which determines nothing, by Pearson's form (T, S) the worst first.

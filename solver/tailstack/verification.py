@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from math import ceil, inf
+from math import ceil, inf, sqrt
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -74,6 +74,8 @@ from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
+NOISE_DOUBT = 1.1  # by how many times more than estimated a unit's quantile may scatter: three standard errors
+FEWEST_BEYOND = 2.5  # of a unit's shots beyond its quantile, with which its shots tell where that lies (to 2 %)
 UNITS_PER_BATCH = 32
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
@@ -282,7 +284,7 @@ class Sampler(Protocol):
     then called again once it is."""
 
     def shards(self, task: TrialsTask) -> Iterable[Shard]: ...
-    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units,) mm
+    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units, 2) mm
     def radial(self, task: RadialTask) -> RadialEstimate: ...
 
 
@@ -310,13 +312,21 @@ class LocalSampler:
 
 
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
-    """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
-    rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
+    """(count, 2) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``, and by how
+    much those of the two halves of its shots differ."""
+    outcome = run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
     every = enumerate(task.plan.system.metrics)
     k, site = next((k, each.site) for k, each in every if each.key == (task.target, task.error))
     errors = measure_trials(task.plan, task.seed, first * SHOTS, outcome.errors)[k]
     norms = norms_of(errors, site.is_one_sided).reshape(count, SHOTS)
-    return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
+
+    def quantiles(shots: Array) -> Array:
+        rank = ceil(shots.shape[1] * task.quantile) - 1
+        return np.asarray(np.partition(shots, rank, axis=1)[:, rank])
+
+    whole, first_half, second_half = map(quantiles, (norms, norms[:, : SHOTS // 2], norms[:, SHOTS // 2 :]))
+    with np.errstate(invalid="ignore"):  # both may be without an answer
+        return np.column_stack([whole, first_half - second_half])
 
 
 def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
@@ -374,7 +384,7 @@ class SampledDesign:
 
 
 Quantiles = dict[tuple[str, str, float], QuantileEstimate]  # by target, error and quantile
-UnitQuantiles = dict[tuple[Requirement, str], list[Array]]  # (units,) mm at each vertex, by requirement and target
+UnitQuantiles = dict[tuple[Requirement, str], list[Array]]  # (units, 2) mm at each vertex, by requirement and target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -653,7 +663,8 @@ def _refuse_without_bound(ready: PreparedDesign, sampled: SampledDesign, own: Un
             what = f"that {100 * quantile:g} % of shots keep for sure"
             raise no_bound(samples.unanswered, samples.trials, what)
     for (requirement, _), at_each in own.items():
-        if any(np.quantile(units, requirement.units_fraction or P95, method="higher") == inf for units in at_each):
+        fraction = requirement.units_fraction or P95
+        if any(np.quantile(units[:, 0], fraction, method="higher") == inf for units in at_each):
             keepers = (requirement.level or Drawn.UNIT).plural
             raise no_bound(samples.unanswered, samples.trials, f"that {keepers} keep in {requirement.name}")
 
@@ -799,31 +810,84 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
                 estimate = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
                 checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm, missed=missed))
             else:
-                checks.append(_judge_units(requirement, name, own[requirement, name], missed))
+                surely = _keeps_surely(ready, sampled, requirement, name)
+                checks.append(_judge_units(requirement, name, own[requirement, name], missed, surely))
     return tuple(checks)
 
 
-def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: bool) -> Check:
+def _keeps_surely(ready: PreparedDesign, sampled: SampledDesign, requirement: Requirement, name: str) -> bool:
+    """Whether so few of all shots are beyond the limit that hardly a unit can have more of them than it may.
+
+    If more than a share 1 - f of units had more than 1 - p of their shots beyond it, more than (1 - f) (1 - p) of all
+    shots were (Markov).
+    """
+    allowed = (1 - (requirement.units_fraction or 1.0)) * (1 - requirement.quantile)
+    for vertex in ready.vertices[name, requirement.error]:
+        samples = sampled.samples[vertex]
+        if samples.of(name, requirement.error).tail[0] > requirement.limit:  # of the largest that are kept
+            return False
+        found = exceedance_estimate(samples, name, requirement.error, requirement.limit, requirement.confidence)
+        if found.interval[1] > allowed:
+            return False
+    return True
+
+
+def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: bool, surely: bool) -> Check:
     """Nested sampling at each vertex of installed units, or of mountings, ``SHOTS`` shots of each; the worst is told.
 
     The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
-    the limit.  Its interval is within the limit just where the lower Clopper-Pearson limit of the yield is what is
-    required, and beyond it just where the upper one is not: both count the units within the limit against the same
-    binomial law.  A unit's quantile is itself estimated from its shots: a unit on the limit counts as met half of the
-    time, which pulls the yield towards one half by much less than the interval's width.
+    the limit.  Its interval is that of a binomial law of units (Clopper and Pearson's of the yield, read backwards).
+    A unit's quantile is itself estimated from its shots, which spreads units: the value and the yield are of quantiles
+    narrowed by that (``_narrow``), the interval is that of both, wide and narrow.  A quantile that so few shots do not
+    reach is open, unless all shots together decide it (``surely``).
     """
     fraction = requirement.units_fraction
     assert fraction is not None  # or the requirement would be pooled
     drawn = len(own[0])
     low, high = enclosing_ranks(drawn, fraction, 1 - (1 - requirement.confidence) / len(own))
-    at_each = [np.sort(units) for units in own]
+    narrow = [_narrow(units) for units in own]
+    # Where most units have to keep it, estimates that scatter make it larger than it is, else smaller.
+    towards = -0.5 if fraction >= 0.5 else 0.5  # of a standard error of a unit's, which one rank of its shots comes to
+    wide = [np.sort(units[:, 0]) for units in own]
+    widths = wide, [_narrow(units, NOISE_DOUBT) + towards * sqrt(_noise_of(units)) for units in own]
 
-    def largest(rank: int) -> float:
+    def largest(at_each: list[Array], rank: int) -> float:
         return max(float(ordered[rank - 1]) for ordered in at_each)
 
-    interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
-    met = min(int((ordered <= requirement.limit).sum()) for ordered in at_each)
-    return judge(requirement, name, largest(ceil(drawn * fraction)), interval, met / drawn, missed=missed)
+    lowest = 0.0 if low is None else min(largest(each, low) for each in widths)
+    ends = (lowest, inf if high is None else max(largest(each, high) for each in widths))
+    why = ""
+    if SHOTS * (1 - requirement.quantile) < FEWEST_BEYOND:
+        level = requirement.level or Drawn.UNIT
+        ends = (lowest, max(requirement.limit, lowest) if surely else inf)
+        if not surely:
+            why = (
+                f"{SHOTS} shots are drawn of each {level}, too few for its P{100 * requirement.quantile:.6g}; limit a "
+                "lower quantile, or all shots together (risk: pooled)"
+            )
+    met = min(int((ordered <= requirement.limit).sum()) for ordered in narrow)
+    value = max(lowest, min(largest(narrow, ceil(drawn * fraction)), ends[1]))
+    return judge(requirement, name, value, ends, met / drawn, missed=missed, open_because=why)
+
+
+def _narrow(units: Array, times: float = 1.0) -> Array:
+    """(U,) ascending, of quantiles (U, 2) as ``unit_quantiles`` has them: as far from their mean as those of the units
+    themselves are.
+
+    An estimate from all shots of a unit has a quarter of the variance by which those of its halves differ; that is
+    taken out of the variance over units (a constrained empirical Bayes estimate: Louis 1984), so many times.
+    """
+    values = np.sort(units[:, 0])
+    noise = times * _noise_of(units)
+    if not noise:
+        return values
+    middle = float(np.mean(values))
+    return middle + sqrt(max(1 - noise / float(np.var(values)), 0.0)) * (values - middle)
+
+
+def _noise_of(units: Array) -> float:
+    """Mean variance, mm^2, of the quantiles as estimates; 0 where some unit has none."""
+    return float(np.mean(units[:, 1] ** 2)) / 4 if np.isfinite(units).all() else 0.0
 
 
 def _remark_gaps(targets: tuple[TargetEstimate, ...]) -> tuple[Finding, ...]:

@@ -31,7 +31,7 @@ from tailstack.results.score import budget_table
 from tailstack.results.tables import On
 from tailstack.scoring import score
 from tailstack.system import Law, Requirement, System
-from tailstack.verification import verify
+from tailstack.verification import _narrow, verify
 
 LAWS = Path(tailstack.__file__).with_name("laws.py")
 EXAMPLE = EXAMPLES / "gallery" / "per_unit_limit.yaml"
@@ -164,3 +164,45 @@ def test_one_level_more_is_one_value() -> None:
     assert json.dumps(mountings).replace("mounting", "week") == json.dumps(weeks)
     assert [check[2] for check in weeks["checks"]] == ["P95 that 90 % of weeks keep"] * 2
     assert len(RISKS) == len(Drawn)
+
+
+def test_units_that_are_alike_have_the_quantile_of_all_shots() -> None:
+    """closed form: without a source that is drawn per unit each unit's P95 is that of all shots, whatever the yield.
+    512 shots tell it to 2 %, by which units seem to differ: neither a pass nor a fail may come of that.  Deeper than
+    these shots reach, only a limit that hardly a shot of all is beyond is kept."""
+    system = cube8_system()
+    whole = verify(system, trials=2**18, seed=3)
+    p95, worst = whole.targets[0].p95_mm, whole.targets[0].worst_mm
+
+    def ask(limit: float, min_yield: float, quantile: float = 0.95) -> Requirement:
+        name = f"{min_yield:g} of units, P{100 * quantile:g}, {limit:.4f}"
+        return Requirement(name, "tcp", quantile, limit, 0.95, ("target",), "per_unit", min_yield)
+
+    asked = [ask(times * p95, share) for times in (0.97, 1.03) for share in (0.1, 0.95)]
+    deep = [ask(0.9 * worst, 0.8, 0.9999), ask(1.5 * worst, 0.8, 0.9999)]
+    checks = verify(replace(system, requirements=(*asked, *deep)), trials=2**18, seed=4).verdict.checks
+    for check in checks[:4]:
+        low, high = check.interval
+        assert high is not None
+        assert low < p95 < high
+        assert check.value == pytest.approx(p95, rel=0.015)
+        assert check.status != ("pass" if check.limit < p95 else "fail")
+    assert [check.status for check in checks[4:]] == ["inconclusive", "pass"]
+    assert "too few for its P99.99" in checks[4].open_because
+
+
+def test_the_scatter_of_units_is_told_from_that_of_their_estimates() -> None:
+    """sampled: quantiles of 2,048 units as far apart as they are known, and twice and half as far; with 20 seeds each
+    the P90 over units is within 3 standard errors of 20 (0.3 % of seeds fail), where that of estimates is far off."""
+    rng = np.random.default_rng(6)
+    for apart in (0.5, 1.0, 2.0):
+        found, plain = [], []
+        for _ in range(20):
+            truth = 10 + apart * rng.standard_normal(2048)
+            first, second = truth + np.sqrt(2) * rng.standard_normal((2, 2048))  # of the halves of each unit's shots
+            units = np.column_stack([(first + second) / 2, first - second])
+            found.append(_narrow(units)[1843])
+            plain.append(np.sort(units[:, 0])[1843])
+        expected, error = 10 + 1.2816 * apart, np.std(found) / np.sqrt(20)
+        assert abs(np.mean(found) - expected) < 3 * error + 1e-3 * apart
+        assert np.mean(plain) - expected > 10 * error

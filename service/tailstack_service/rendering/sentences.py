@@ -259,6 +259,8 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
         return f"No simulation can show that it is kept: {UNBOUNDED}."
     if basis.startswith("first order"):
         return "Run `tailstack verify`, which simulates, to decide."
+    if check.open_because:
+        return f"{check.open_because[0].upper()}{check.open_because[1:]}."
     if (level := level_of(check.risk)) is not None:
         return f"The number of {level.plural} drawn is fixed: change the limit or the design."
     return "Simulate more shots to decide: a tighter --precision or more --trials."
