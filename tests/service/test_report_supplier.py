@@ -126,3 +126,13 @@ def test_a_service_hands_over_the_same_bytes(client: httpx.Client, media: str) -
     assert answer.headers["content-type"].startswith(media)
     refusal = client.post("/v1/sheets", json={"design": DEMO, "seed": 3})
     assert refusal.status_code == 422
+
+
+def test_pins_and_faces_stand_as_they_are_drawn() -> None:
+    """table: H7/g6 of 6 mm is +0.012/0 and -0.004/-0.012 (ISO 286-2); half of a deviation is on no drawing."""
+    seat = draw_up_sheet(load_design(EXAMPLES / "dowelled_seat.yaml")).seats[0]
+    assert seat.tolerances == ()
+    pin = next(feature for feature in seat.features if feature.name == "pin 1")
+    assert "6 H7/g6: hole +0.012/+0 " in pin.stated
+    assert "pin -0.004/-0.012 " in pin.stated
+    assert (pin.position_mm, pin.normal) == ((-30.0, 0.0, -95.0), (0.0, 0.0, 1.0))

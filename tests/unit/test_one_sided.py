@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import json
 from dataclasses import replace
 from itertools import product
 from math import sqrt
@@ -191,3 +193,15 @@ def test_an_optimum_uses_a_known_part_on_the_other_side(more: dict[str, Any]) ->
 
         assert found.cost_exact_law == pytest.approx(1 / brentq(excess, 1e-4, 0.1, xtol=1e-13), rel=close)
     assert costs[-30.0] < 0.8 * costs[0.0]
+
+
+def test_a_quantile_of_nothing_is_a_number_of_the_record() -> None:
+    """closed form: what always lies on the other side has a P95 of 0 on this one, known to 0 %."""
+    data = copy.deepcopy(DEMO)
+    data["requirements"] = [{"name": "above", "error": "z", "side": "above", "limit_mm": 1.0}]
+    data.pop("optimise", None)
+    seat = data["interfaces"]["structure_connector"]
+    seat["bias"] = {**seat.get("bias", {}), "tz_mm": 9.0}
+    check = verify(load_design(data), trials=2000)
+    assert check.verdict.checks[0].value == 0
+    assert json.dumps(check.to_dict(), allow_nan=False)

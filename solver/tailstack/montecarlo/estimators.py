@@ -16,6 +16,7 @@ from scipy.special import bdtr, betaincinv, ndtri
 from ..errors import IllPosedError, OutOfRangeError, Problem
 from ..geometry.arrays import Array
 from ..results import Exceedance, Interval
+from ..results.digits import RESOLUTION_MM
 from .simulate import ErrorSample, Samples, deepen
 
 
@@ -25,8 +26,11 @@ class QuantileEstimate(NamedTuple):
 
     @property
     def relative_half_width(self) -> float:
+        """0 where both ends are the same, as of a number on one side that hardly a shot is on."""
         low, high = self.interval_mm
-        return (high - low) / (2 * self.value_mm) if 0 < self.value_mm < inf else inf
+        if low == high < inf:
+            return 0.0
+        return (high - low) / (2 * max(self.value_mm, RESOLUTION_MM)) if self.value_mm < inf else inf
 
 
 def _refuse_unless_probability(name: str, value: float) -> None:

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 DATUM = (
     "Datum: origin and axes of the connector frame con, right-handed. Lengths in mm, angles in deg. A tolerance is a "
-    "half-width: ± about the nominal value, rotations about axes through the pivot of their seat."
+    "half-width: ± about the nominal value, rotations about axes through the pivot of their seat. Deviations of "
+    "pins and faces stand as drawn, upper and lower."
 )
 SECTIONS = ("/fiducials", "/interfaces")  # of the design, that the sheet is made of
 
@@ -39,7 +40,7 @@ class DrawnTolerance:
     """A half-width as drawn."""
 
     component: str
-    """x, y, z of a bead; rx, ry, rz, tx, ty, tz of a seat, the name of its locator, or of a feature what it states."""
+    """x, y, z of a bead; rx, ry, rz, tx, ty, tz of a seat, or the name of its locator."""
     half_width: float
     """Half-width, in `unit`."""
     unit: str
@@ -52,6 +53,20 @@ class DrawnTolerance:
     """Contact point of a locator in con, mm; null: of a component."""
     normal: Point | None = None
     """Direction of a locator in con; null: of a component."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnFeature:
+    """A pin, face or spigot of a seat, by what its drawing states: sizes, deviations and zones are no half-widths."""
+
+    name: str
+    """Its name."""
+    stated: str
+    """What the drawing states, in a line: size and fit, the deviations of hole and pin, zones."""
+    position_mm: Point
+    """Where it is in con, mm."""
+    normal: Point
+    """Its axis, or the normal of its face, in con."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +83,8 @@ class DrawnSeat:
     """Components or locators that have one."""
     together: bool
     """Whether the design says how components go together."""
+    features: tuple[DrawnFeature, ...] = ()
+    """Of a seat that is drawn by its pins and faces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,14 +155,9 @@ def _seat(name: str, seat: Interface) -> DrawnSeat:
         )
         for each in seat.locators or ()
     ]  # fmt: skip
-    drawn += [
-        DrawnTolerance(f"{feature.name} {each.name}", each.half_width, "mm", str(feature.distribution), None,
-                       feature.position_mm, feature.normal)
-        for feature in seat.features or ()
-        for each in feature.numbers()
-    ]  # fmt: skip
+    features = (DrawnFeature(each.name, each.words, each.position_mm, each.normal) for each in seat.features or ())
     joined = seat.tolerances is not None and bool(seat.tolerances.correlation or seat.tolerances.covariance_deg_mm)
-    return DrawnSeat(name, seat.label, seat.pivot_mm, tuple(drawn), joined)
+    return DrawnSeat(name, seat.label, seat.pivot_mm, tuple(drawn), joined, tuple(features))
 
 
 # --- as CSV, and as a document ------------------------------------------------------------------------------------
@@ -232,18 +244,25 @@ def _seat_table(seat: DrawnSeat) -> Table:
         Column("Law"), *((Column("Contact point", "mm"), Column("Normal")) if located else ()),
     )  # fmt: skip
 
-    def point_text(point: Point | None) -> str:
-        return "" if point is None else ", ".join(f"{value:.12g}" for value in point)
-
     rows = tuple(
         Row((each.component, each.half_width, each.unit, _law(each),
-             *([point_text(each.position_mm), point_text(each.normal)] if located else [])))
+             *([_say_point(each.position_mm), _say_point(each.normal)] if located else [])))
         for each in seat.tolerances
     )  # fmt: skip
+    if seat.features:
+        columns = (Column("Feature"), Column("As drawn, mm"), Column("Point", "mm"), Column("Axis or normal"))
+        rows = tuple(
+            Row((each.name, each.stated, _say_point(each.position_mm), _say_point(each.normal)))
+            for each in seat.features
+        )
     words = seat.name.replace("_", " to ")
     note = "Components go together as the design says: ask for its correlation." if seat.together else ""
     note = note if rows else "No tolerance is declared: the seat counts as perfect."
-    return Table(seat.name, f"{seat.label or words}; pivot at {point_text(seat.pivot_mm)} mm", columns, rows, note)
+    return Table(seat.name, f"{seat.label or words}; pivot at {_say_point(seat.pivot_mm)} mm", columns, rows, note)
+
+
+def _say_point(point: Point | None) -> str:
+    return "" if point is None else ", ".join(f"{value:.12g}" for value in point)
 
 
 # --- two elevations of the beads with ordinate dimensions from the datum ------------------------------
