@@ -402,6 +402,15 @@ def test_what_overlaps_or_misses_the_detector_is_marked_and_named() -> None:
     assert len(rings) >= 4  # the pair, F3 in both views, the legend
 
 
+def test_images_that_rounding_brings_nearer_are_not_marked() -> None:
+    """closed form: a distance that is asked for by 0.005 px more than there is is kept, by 0.02 px more it is not."""
+    closest = min(view.closest_pair_px for view in score(DEMO, losses=False).views)
+    for more, marked in ((0.005, False), (0.02, True)):
+        data = json.loads(json.dumps(DEMO.source.data))
+        data["optimise"]["min_projected_spacing_px"] = closest + more
+        assert ("closer than" in draw_images(load_design(data), "x")) == marked
+
+
 def test_a_small_cluster_is_drawn_once_more_enlarged() -> None:
     root = read(draw_images(example("small_cluster_far_target"), "x"))
     words = [str(entry.text) for entry in root.iter(f"{SVG}text")]

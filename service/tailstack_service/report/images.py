@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tailstack.design import Design, compile_design
 from tailstack.estimation.checks import imaged_fiducials, needed_gaps
 from tailstack.geometry.arrays import Array
-from tailstack.geometry.camera import depths
+from tailstack.geometry.camera import ROUNDING_PX, depths
 from tailstack.results.look import FAINT, FONT, INK, LIMIT_COLOUR, MUTED
 from tailstack.system import System
 
@@ -100,7 +100,7 @@ def _view_image(design: Design, system: System, old: System | None, beam: Beam, 
     if section is not None:
         needed = np.fmax(needed, section.min_projected_spacing_px)
     apart = np.hypot(*np.moveaxis(images[:, None] - images[None], -1, 0))
-    pairs = np.argwhere(np.triu((apart < needed) & used & used[:, None], 1)).tolist()  # NaN is not
+    pairs = np.argwhere(np.triu((apart < needed - ROUNDING_PX) & used & used[:, None], 1)).tolist()  # NaN is not
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     on = ((images >= low) & (images <= high)).all(axis=1)
     before = None
