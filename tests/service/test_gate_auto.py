@@ -161,6 +161,16 @@ def test_missed_beads_are_simulated_where_the_estimate_cannot_tell(p95: float) -
     assert "however many are drawn" in open_one.message
 
 
+def test_a_quantile_that_the_shots_of_a_unit_do_not_reach_is_told_as_that() -> None:
+    design = sound_design()
+    stated = {"name": "deep", "risk": "per_unit", "min_yield": 0.8, "quantile": 0.9999, "limit_mm": 1.8 * P95}
+    design["requirements"] = [stated]
+    rules = policy(verification={"max_trials": 2**17})  # below 43,819 there is no interval of that quantile at all
+    (open_one,) = of_rule(gate(design, mode="verify", policy=rules), "inconclusive")
+    assert "too few for its P99.99" in open_one.message
+    assert "max_trials" not in open_one.message
+
+
 # --- baseline -----------------------------------------------------------------------------------------------------
 
 

@@ -45,11 +45,11 @@ def find_open_questions(case: Case) -> Iterator[Remark]:
     """Rule inconclusive: limits that an interval holds."""
     for comparison in case.comparisons:
         if comparison.number.status == "inconclusive":
-            hint = f"{say_why_open(comparison.number)}; gate with --mode auto or verify"
-            if comparison.number.open_because == UNBOUNDED:
-                hint = UNBOUNDED
-            elif (check := case.verification) is not None:
-                hint = f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
+            hint = comparison.number.open_because
+            if (check := case.verification) is not None:
+                hint = hint or f"open after {check.trials:,} trials; the policy's verification.max_trials allows more"
+            elif hint != UNBOUNDED:
+                hint = f"{say_why_open(comparison.number)}; gate with --mode auto or verify"
             yield _make_remark(case, comparison, hint)
 
 
