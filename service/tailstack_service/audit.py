@@ -17,7 +17,7 @@ from tailstack import __version__
 from tailstack.design import Design, compile_design, load_design
 from tailstack.design.loading import read_source
 from tailstack.errors import DesignError, LimitError, Problem, escape
-from tailstack.verification import SHOTS, UNITS
+from tailstack.verification import UNITS, shots_for
 
 from .documents import plain
 from .gate.reading import LIMITS
@@ -181,7 +181,7 @@ def _check_effort(result: ReadResult, designs: tuple[Design, ...], most: Effort)
     LimitError for a record that asks for more, RequestError for one that cannot be.
     """
     demand = OPERATIONS[result.kind].demand(result.record)
-    units = UNITS * SHOTS * demand.checks * sum(_per_unit(design) for design in designs)
+    units = demand.checks * sum(_unit_trials(design) for design in designs)
     if demand.trials and demand.trials + units > most.trials:
         also = f", {units:,} of them for requirements on each unit" if units else ""
         detail = (
@@ -197,9 +197,10 @@ def _check_effort(result: ReadResult, designs: tuple[Design, ...], most: Effort)
         raise LimitError(Problem(demand.starts_at, "too-many", detail, f"add --starts {demand.starts}, {OTHERWISE}"))
 
 
-def _per_unit(design: Design) -> int:
-    """Targets that requirements on each unit, or each mounting, are judged at, once for each requirement."""
-    return sum(len(entry.targets) for entry in compile_design(design).requirements if entry.risk != "pooled")
+def _unit_trials(design: Design) -> int:
+    """Trials that a check draws for requirements on each unit, or each mounting, at their targets."""
+    each = (entry for entry in compile_design(design).requirements if entry.risk != "pooled")
+    return sum(UNITS * shots_for(entry.quantile) * len(entry.targets) for entry in each)
 
 
 # --- two records, value by value ------------------------------------------------------------------------

@@ -73,10 +73,11 @@ from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
-UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
+UNITS = 2048  # of nested sampling of a per-unit requirement
+FEWEST_SHOTS, MOST_SHOTS = 2**9, 2**15  # of each of them
 NOISE_DOUBT = 1.1  # by how many times more than estimated a unit's quantile may scatter: three standard errors
-FEWEST_BEYOND = 2.5  # of a unit's shots beyond its quantile, with which its shots tell where that lies (to 2 %)
-UNITS_PER_BATCH = 32
+BEYOND, FEWEST_BEYOND = 10, 2.5  # of a unit's shots, drawn beyond its quantile (it is told to 1 %), and at least (3 %)
+TRIALS_PER_BATCH = 2**14  # of units, or those of one
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
@@ -150,7 +151,7 @@ class Sampling:
     questions: tuple[LimitQuestion, ...] = ()  # to be decided beside the requirements; not asked where trials are given
     cvar: tuple[CvarQuestion, ...] = ()
     at_least: int = 0  # trials before which a check that draws to a precision does not stop
-    units: int = UNITS  # drawn for a per-unit requirement, a multiple of UNITS_PER_BATCH
+    units: int = UNITS  # drawn for a per-unit requirement, a power of two
 
     def __post_init__(self) -> None:
         if self.trials is not None and self.precision is not None:
@@ -256,15 +257,16 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitsTask:
-    """The quantile over ``SHOTS`` shots of each installed unit, or of each mounting, of one error at one target."""
+    """The quantile over the shots of each installed unit, or of each mounting, of one error at one target."""
 
-    plan: ChainPlan  # with SHOTS shots per unit, at the level
+    plan: ChainPlan  # with ``shots_for`` the quantile per unit, at the level
     seed: int
     target: str  # or the site of a measure that joins several
     error: str
     quantile: float
     units: int = UNITS
     level: Drawn = Drawn.UNIT  # what is read by itself
+    told: Callable[[int], None] | None = None  # called after every part with its trials
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,28 +305,43 @@ class LocalSampler:
         return draw_shards(task, self.workers)
 
     def unit_quantiles(self, task: UnitsTask) -> Array:
-        batches = range(0, task.units, UNITS_PER_BATCH)
+        shots = task.plan.shots_per_unit
+        count = max(TRIALS_PER_BATCH // shots, 1)
+        parts = []
         with ThreadPoolExecutor(self.workers) as pool:
-            return np.concatenate(list(pool.map(lambda first: unit_quantiles(task, first, UNITS_PER_BATCH), batches)))
+            for part in pool.map(lambda first: unit_quantiles(task, first, count), range(0, task.units, count)):
+                parts.append(part)
+                if task.told:
+                    task.told(count * shots)
+        return np.concatenate(parts)
 
     def radial(self, task: RadialTask) -> RadialEstimate:
         return radial_estimate(self.ready, task)
 
 
+def shots_for(quantile: float) -> int:
+    """How many shots of each unit tell where that quantile of it lies: a power of two, at most ``MOST_SHOTS``."""
+    shots = FEWEST_SHOTS
+    while shots * (1 - quantile) < BEYOND and shots < MOST_SHOTS:
+        shots *= 2
+    return shots
+
+
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count, 2) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``, and by how
     much those of the two halves of its shots differ."""
-    outcome = run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
+    drawn = task.plan.shots_per_unit
+    outcome = run_indices(task.plan, task.seed, first * drawn, count * drawn)
     every = enumerate(task.plan.system.metrics)
     k, site = next((k, each.site) for k, each in every if each.key == (task.target, task.error))
-    errors = measure_trials(task.plan, task.seed, first * SHOTS, outcome.errors)[k]
-    norms = norms_of(errors, site.is_one_sided).reshape(count, SHOTS)
+    errors = measure_trials(task.plan, task.seed, first * drawn, outcome.errors)[k]
+    norms = norms_of(errors, site.is_one_sided).reshape(count, drawn)
 
     def quantiles(shots: Array) -> Array:
         rank = ceil(shots.shape[1] * task.quantile) - 1
         return np.asarray(np.partition(shots, rank, axis=1)[:, rank])
 
-    whole, first_half, second_half = map(quantiles, (norms, norms[:, : SHOTS // 2], norms[:, SHOTS // 2 :]))
+    whole, first_half, second_half = map(quantiles, (norms, norms[:, : drawn // 2], norms[:, drawn // 2 :]))
     with np.errstate(invalid="ignore"):  # both may be without an answer
         return np.column_stack([whole, first_half - second_half])
 
@@ -539,16 +556,24 @@ def _sample_radially(work: Work) -> SampledDesign:
 
 def _sample_units(work: Work) -> UnitQuantiles:
     """Where a requirement is on each unit, or on each mounting."""
-    ready = work.ready
-    tasks = []
+    ready, units = work.ready, work.sampling.units
+    tasks: list[tuple[tuple[Requirement, str], UnitsTask]] = []
+    done = 0
+
+    def tell(trials: int) -> None:
+        nonlocal done
+        done += trials
+        if work.progress:
+            work.progress(done, sum(units * task.plan.shots_per_unit for _, task in tasks))
+
     for requirement in ready.system.requirements:
         for name in requirement.targets if requirement.level else ():
             level = requirement.level or Drawn.UNIT
             for vertex in ready.vertices[name, requirement.error]:
-                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS, held=level)
-                seed, units = work.sampling.seed, work.sampling.units
-                task = UnitsTask(plan, seed, name, requirement.error, requirement.quantile, units, level)
-                tasks.append(((requirement, name), task))
+                shots = shots_for(requirement.quantile)
+                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=shots, held=level)
+                wanted = name, requirement.error, requirement.quantile, units, level, tell
+                tasks.append(((requirement, name), UnitsTask(plan, work.sampling.seed, *wanted)))
     own: UnitQuantiles = {}
     results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
     for (key, _), quantiles in zip(tasks, results, strict=True):
@@ -833,7 +858,7 @@ def _keeps_surely(ready: PreparedDesign, sampled: SampledDesign, requirement: Re
 
 
 def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: bool, surely: bool) -> Check:
-    """Nested sampling at each vertex of installed units, or of mountings, ``SHOTS`` shots of each; the worst is told.
+    """Nested sampling at each vertex of installed units, or of mountings, each of its own shots; the worst is told.
 
     The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
     the limit.  Its interval is that of a binomial law of units (Clopper and Pearson's of the yield, read backwards).
@@ -857,12 +882,13 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: 
     lowest = 0.0 if low is None else min(largest(each, low) for each in widths)
     ends = (lowest, inf if high is None else max(largest(each, high) for each in widths))
     why = ""
-    if SHOTS * (1 - requirement.quantile) < FEWEST_BEYOND:
+    shots = shots_for(requirement.quantile)
+    if shots * (1 - requirement.quantile) < FEWEST_BEYOND:
         level = requirement.level or Drawn.UNIT
         ends = (lowest, max(requirement.limit, lowest) if surely else inf)
         if not surely:
             why = (
-                f"{SHOTS} shots are drawn of each {level}, too few for its P{100 * requirement.quantile:.6g}; limit a "
+                f"{shots} shots are drawn of each {level}, too few for its P{100 * requirement.quantile:.6g}; limit a "
                 "lower quantile, or all shots together (risk: pooled)"
             )
     met = min(int((ordered <= requirement.limit).sum()) for ordered in narrow)

@@ -11,7 +11,7 @@ from service_scenes import limited, sound_design
 from test_gate_verdicts import P95, gate, noisier, waiver, waivers
 from work_driver import run_job
 
-from tailstack import load_design, score, verify
+from tailstack import load_design, score, verification, verify
 from tailstack_service.documents import to_json
 from tailstack_service.gate.baseline import ROUNDING_PERCENT, read_baseline
 from tailstack_service.gate.judge import Gate, judge
@@ -161,11 +161,12 @@ def test_missed_beads_are_simulated_where_the_estimate_cannot_tell(p95: float) -
     assert "however many are drawn" in open_one.message
 
 
-def test_a_quantile_that_the_shots_of_a_unit_do_not_reach_is_told_as_that() -> None:
+def test_a_quantile_that_the_shots_of_a_unit_do_not_reach_is_told_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "MOST_SHOTS", verification.FEWEST_SHOTS)
     design = sound_design()
     stated = {"name": "deep", "risk": "per_unit", "min_yield": 0.8, "quantile": 0.9999, "limit_mm": 1.8 * P95}
     design["requirements"] = [stated]
-    rules = policy(verification={"max_trials": 2**17})  # below 43,819 there is no interval of that quantile at all
+    rules = policy(verification={"max_trials": 2**17})  # below 43,819
     (open_one,) = of_rule(gate(design, mode="verify", policy=rules), "inconclusive")
     assert "too few for its P99.99" in open_one.message
     assert "max_trials" not in open_one.message

@@ -66,6 +66,19 @@ def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
     assert shown_left(progress) == 30  # late by 100 s: three tenths of that are still to come
 
 
+def test_what_begins_anew_is_another_step() -> None:
+    """Trials of all in ten seconds, then shots of each unit at a tenth of the pace."""
+    clock = TurnedClock()
+    progress = Progress("verify", io.StringIO(), clock=clock)
+    for done in range(1, 11):
+        clock.turn_to(done)
+        progress.report(done, 10)
+    for done in range(1, 4):
+        clock.turn(10)
+        progress.report(done, 10)
+    assert progress.line() == "verify: 40 s, 30 %, about 70 s left of this step"
+
+
 def test_a_first_step_of_many_promises_nothing() -> None:
     """Three seconds of loading and the first of 500 steps would be 25 minutes."""
     clock = TurnedClock()

@@ -21,6 +21,7 @@ import tailstack
 from family import run_python
 from plain_data import DEMO, EXAMPLES
 from scenes import cube8_system, mount, with_noise
+from tailstack import verification
 from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
 from tailstack.laws import RISKS, Drawn
@@ -166,29 +167,33 @@ def test_one_level_more_is_one_value() -> None:
     assert len(RISKS) == len(Drawn)
 
 
-def test_units_that_are_alike_have_the_quantile_of_all_shots() -> None:
+def test_units_that_are_alike_have_the_quantile_of_all_shots(monkeypatch: pytest.MonkeyPatch) -> None:
     """closed form: without a source that is drawn per unit each unit's P95 is that of all shots, whatever the yield.
-    512 shots tell it to 2 %, by which units seem to differ: neither a pass nor a fail may come of that.  Deeper than
-    these shots reach, only a limit that hardly a shot of all is beyond is kept."""
+    512 shots tell a P95 to 2 %, and 2,048 a P99.5, by which units seem to differ: neither a pass nor a fail may come of
+    that.  Deeper than shots reach, only a limit that hardly a shot of all is beyond is kept."""
     system = cube8_system()
-    whole = verify(system, trials=2**18, seed=3)
-    p95, worst = whole.targets[0].p95_mm, whole.targets[0].worst_mm
+    rarely = Requirement("of all shots", "tcp", 0.995, 1.0, 0.95, ("target",))
+    whole = verify(replace(system, requirements=(rarely,)), trials=2**18, seed=3)
+    p95, worst, p995 = whole.targets[0].p95_mm, whole.targets[0].worst_mm, whole.verdict.checks[0].value
 
     def ask(limit: float, min_yield: float, quantile: float = 0.95) -> Requirement:
         name = f"{min_yield:g} of units, P{100 * quantile:g}, {limit:.4f}"
         return Requirement(name, "tcp", quantile, limit, 0.95, ("target",), "per_unit", min_yield)
 
     asked = [ask(times * p95, share) for times in (0.97, 1.03) for share in (0.1, 0.95)]
+    rare = [ask(0.97 * p995, 0.1, 0.995), ask(1.03 * p995, 0.95, 0.995)]
+    monkeypatch.setattr(verification, "MOST_SHOTS", 2**11)
     deep = [ask(0.9 * worst, 0.8, 0.9999), ask(1.5 * worst, 0.8, 0.9999)]
-    checks = verify(replace(system, requirements=(*asked, *deep)), trials=2**18, seed=4).verdict.checks
-    for check in checks[:4]:
+    checks = verify(replace(system, requirements=(*asked, *rare, *deep)), trials=2**18, seed=4).verdict.checks
+    for check in checks[:6]:
+        known = p95 if check.quantile == 0.95 else p995
         low, high = check.interval
         assert high is not None
-        assert low < p95 < high
-        assert check.value == pytest.approx(p95, rel=0.015)
-        assert check.status != ("pass" if check.limit < p95 else "fail")
-    assert [check.status for check in checks[4:]] == ["inconclusive", "pass"]
-    assert "too few for its P99.99" in checks[4].open_because
+        assert low < known < high
+        assert check.value == pytest.approx(known, rel=0.015)
+        assert check.status != ("pass" if check.limit < known else "fail")
+    assert [check.status for check in checks[6:]] == ["inconclusive", "pass"]
+    assert "2048 shots are drawn of each unit, too few for its P99.99" in checks[6].open_because
 
 
 def test_the_scatter_of_units_is_told_from_that_of_their_estimates() -> None:

@@ -46,6 +46,7 @@ class Progress:
         self.stream = sys.stderr if stream is None else stream
         self.clock = self.usual_clock if clock is None else clock
         self.fraction = 0.0
+        self._done_of_step = 0.0
         self.detail = ""
         self.preface = ""  # said once, on lines of its own, before the first line of progress
         self._begun = self.clock.monotonic()
@@ -63,7 +64,13 @@ class Progress:
         return self.clock.monotonic() - self._begun
 
     def report(self, done: float, total: float, detail: str = "") -> None:
-        """How far the work is, which goes on as fast as it did; ``total`` 0 means that nobody knows."""
+        """How far the work is, which goes on as fast as it did; ``total`` 0 means that nobody knows.
+
+        Less done than before is another step.
+        """
+        if done < self._done_of_step:
+            self.begin_step()
+        self._done_of_step = done
         self.fraction = min(done / total, 1.0) if total else 0.0
         self.detail = detail
         self._left = lambda _elapsed: None

@@ -32,7 +32,6 @@ from tailstack.montecarlo.shards import (
     unpack,
 )
 from tailstack.verification import (
-    SHOTS,
     UNITS,
     PreparedDesign,
     RadialTask,
@@ -40,6 +39,7 @@ from tailstack.verification import (
     UnitsTask,
     prepare,
     radial_estimate,
+    shots_for,
     unit_quantiles,
     verify_prepared,
 )
@@ -77,7 +77,8 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
         )
         return canonical(radial_estimate(ready, wanted)._asdict())
     level = Drawn(spec.get("level", Drawn.UNIT)) if spec["what"] == "units" else None
-    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), SHOTS if level else 1, level)
+    shots = shots_for(spec["quantile"]) if level else 1
+    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), shots, level)
     if level:
         units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"], level=level)
         return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
@@ -131,7 +132,7 @@ class RecordedSampler:
         return (shard_from_bytes(self.held[spec]) for spec in specs)
 
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
-        count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
+        count = max(shard_trials(wanted.plan, wanted.seed) // wanted.plan.shots_per_unit, 1)
         level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
         asked = _fields_of("units", wanted.plan.vertex, wanted) | level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
