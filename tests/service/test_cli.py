@@ -172,6 +172,19 @@ def test_verify_answers_in_both_forms_and_the_same_for_any_number_of_threads(cal
     assert json.loads(answers[0])["targets"] == json.loads(answers[1])["targets"]
 
 
+def test_the_precision_of_p95_is_not_that_of_a_rarer_quantile(call: Any, tmp_path: Path) -> None:
+    """closed form: of 20,000 shots twenty are beyond P99.9, a thousand beyond P95."""
+    design = small_design()
+    design["requirements"] = [{"name": "rare", "quantile": 0.999, "limit_mm": 5.0}]
+    drawn = write_json(tmp_path / "rare.json", design), "--trials", "20000"
+    shown, out = json.loads(call("verify", *drawn, "--json")[1]), call("verify", *drawn)[1]
+    (low, high), p95 = shown["targets"][0]["p95_interval_mm"], shown["targets"][0]["p95_mm"]
+    known, rare = 50 * (high - low) / p95, 100 * shown["precision_reached"]
+    assert rare > 2 * known
+    words = f"P95 is known to ± {known:.2f} %, the quantiles that requirements name to ± {rare:.2f} %"
+    assert words in " ".join(out.split())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "options",
