@@ -164,7 +164,7 @@ LOOSE = 0.05  # an estimate that is off by less, or by less than was said, is go
 def holds(score: Score, verification: Verification) -> bool:
     """Whether a simulation leaves standing what rests on the estimate: budget, slack, what a step would save."""
     said = (score.validity.expected_error_percent or 0.0) / 100
-    return abs(verification.first_order_ratio - 1) <= max(LOOSE, said) + verification.precision_reached
+    return abs(verification.first_order_ratio - 1) <= max(LOOSE, said) + verification.precision_of_p95
 
 
 def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, decimals: int) -> str:

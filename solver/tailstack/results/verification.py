@@ -132,6 +132,12 @@ class Verification(Result):
     """Measures made of the errors at targets, each wherever it is read; empty where there are none."""
 
     @property
+    def precision_of_p95(self) -> float:
+        """Largest relative half-width of P95's interval over the targets."""
+        ends = ((target.p95_mm, *target.p95_interval_mm) for target in self.targets)
+        return max(((high - low) / 2 / p95 if p95 else 0.0 for p95, low, high in ends), default=0.0)
+
+    @property
     def decimals(self) -> int:
         """Decimals of its lengths."""
         largest = max((target.p95_mm for target in self.targets), default=1.0)

@@ -7,7 +7,7 @@ from tailstack.results import Verification
 from tailstack.results.digits import RESOLUTION_MM, in_percent, length, number, percent
 from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table
-from tailstack.results.verification import TargetEstimate, estimates_table
+from tailstack.results.verification import estimates_table
 
 from ...rendering.document import (
     Block,
@@ -72,9 +72,9 @@ def _precision_sentence(check: Verification) -> str:
     seed = f"The same seed ({check.seed}) gives the same digits."
     if max((target.p95_mm for target in check.targets), default=1.0) < RESOLUTION_MM:
         return f"Nothing varies that moves the tool: {largest}, and so is the estimate of `tailstack score`. {seed}"
-    known = max((_relative_half_width(target) for target in check.targets), default=reached)
-    precise = f"P95 is known to ± {percent(known, 2)} %"
-    if percent(reached, 2) != percent(known, 2):
+    known = percent(check.precision_of_p95, 2)
+    precise = f"P95 is known to ± {known} %"
+    if percent(reached, 2) != known:
         precise += f", the quantiles that requirements name to ± {percent(reached, 2)} % or better"
     if wanted is not None and reached > wanted:
         precise += (
@@ -85,11 +85,6 @@ def _precision_sentence(check: Verification) -> str:
     side = "below" if gap < 0 else "above"
     estimate = "`tailstack score`" if check.losses is None else "such shots, with and without fiducials missed,"
     return f"{precise}; {largest}. The estimate of {estimate} is {percent(abs(gap), 1)} % {side} this P95. {seed}"
-
-
-def _relative_half_width(target: TargetEstimate) -> float:
-    low, high = target.p95_interval_mm
-    return (high - low) / 2 / target.p95_mm if target.p95_mm else 0.0
 
 
 def _images_sentence(check: Verification) -> str:
