@@ -582,10 +582,10 @@ def _sample_units(work: Work) -> UnitQuantiles:
 
 
 def _goals(ready: PreparedDesign, vertex: Vertex) -> list[Goal]:
-    """Quantiles that must be precise in the run at this vertex: P95 and every requirement's own."""
+    """Quantiles that must be precise in the run at this vertex: P95 and that of every requirement on all shots."""
     wanted = {(name, error, P95) for (name, error), at in ready.vertices.items() if vertex in at and error == "tcp"}
     for requirement in ready.system.requirements:
-        for name in requirement.targets if requirement.is_quantile else ():
+        for name in requirement.targets if requirement.is_quantile and not requirement.level else ():
             if vertex in ready.vertices[name, requirement.error]:
                 wanted.add((name, requirement.error, requirement.quantile))
     return [Goal(*goal) for goal in sorted(wanted)]

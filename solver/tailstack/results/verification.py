@@ -114,7 +114,7 @@ class Verification(Result):
     """At most so many; null where their number was asked for. It sets when the precision is looked at, so the
     intervals."""
     precision_reached: float
-    """Largest relative half-width of the interval of a P95, or of a quantile that is required, over the targets."""
+    """Largest relative half-width of the interval of a P95, or of a quantile that is required of all shots."""
     stopping: str
     """Why it stopped, in a sentence."""
     targets: tuple[TargetEstimate, ...]
