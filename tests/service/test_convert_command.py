@@ -108,7 +108,7 @@ def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(tmp_path: Pa
     seat = after.document.interfaces.structure_connector
     assert [feature.name for feature in seat.features or ()] == ["face", "pin 1", "pin 2"]
     assert "#" in target.read_text(encoding="utf-8").partition("fiducials:")[2]
-    unknown = refused("convert", drawing, "--pin-class", "k6", "--base", source, "-o", target)
+    unknown = refused("convert", drawing, "--pin-class", "k6", "--base", source, "-o", tmp_path / "other.yaml")
     assert "the letter k is not known here" in unknown
 
 

@@ -63,7 +63,7 @@ def test_a_base_keeps_what_headers_do_not_say(tmp_path: Path) -> None:
         f"/views/2/{field}" for field in ("isocentre_mm", "fiducial_noise_px", "target_noise_px")
     }
     assert after.targets == before.targets
-    assert main(["convert", str(files[0]), "--base", str(base), "-o", str(target)]) == 0
+    assert main(["convert", str(files[0]), "--base", str(base), "-o", str(target), "--force"]) == 0
     assert load_design(target).document.views[1] == before.views[1]
 
 

@@ -134,7 +134,7 @@ def test_what_is_missing_is_told_at_once_to_people_programs_and_python(tmp_path:
 @pytest.mark.parametrize(
     "commands",
     [
-        (("validate", DEMO), ("score", DEMO, "--json"), ("convert", DEMO, "-o", "demo.json"), ("--help",)),
+        (("validate", DEMO), ("score", DEMO, "--json"), ("convert", DEMO, "-o", "demo.json", "--force"), ("--help",)),
         pytest.param(
             (
                 ("verify", DEMO, "--trials", "2000", "--json"),

@@ -365,11 +365,20 @@ def test_a_length_that_nobody_says_is_refused_with_its_flag(bare: Any) -> None:
 
 def test_nothing_is_overwritten_unasked(bare: Any) -> None:
     Path("design.yaml").write_text("precious", encoding="utf-8")
-    for arguments in (["init"], ["example", "demo", "-o", "design.yaml"]):
+    beads = str(EXAMPLES / "fiducials" / "marker8.csv")
+    commands = (
+        ["init"],
+        ["example", "demo", "-o", "design.yaml"],
+        ["convert", beads, "-o", "design.yaml"],
+        ["optimise", "nowhere.yaml", "-o", "design.yaml"],  # before anything is read
+    )
+    for arguments in commands:
         code, out, err = bare(*arguments)
         assert (code, out) == (2, "")
         assert "design.yaml is there already\n  hint: give another name, or --force to overwrite it" in err
         assert Path("design.yaml").read_text(encoding="utf-8") == "precious"
+    assert bare(*commands[2], "--force")[0] == 0
+    assert "fiducials" in Path("design.yaml").read_text(encoding="utf-8")
     assert bare("init", "--force")[0] == 0
     assert load_design(Path("design.yaml")).name == "first design"
 

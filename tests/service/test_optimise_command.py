@@ -143,7 +143,7 @@ def test_a_write_that_fails_leaves_what_was_there(call: Any, tmp_path: Path, mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.replace", full)
-    code, out, err = call(answers(), "-o", str(new))
+    code, out, err = call(answers(), "-o", str(new), "--force")
     assert (code, out) == (3, "")
     assert "No space left" in err
     assert new.read_text(encoding="utf-8") == "precious"

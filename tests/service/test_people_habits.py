@@ -71,7 +71,7 @@ def test_lost_names_of_a_step_file_are_said(tmp_path: Path, call: Any, refused: 
 def test_points_of_slicer_are_taken_whatever_their_name(tmp_path: Path) -> None:
     for name in ("points.json", "lps.csv", "good.fcsv"):
         (tmp_path / name).write_bytes((FILES / name).read_bytes())
-        assert main(["convert", str(tmp_path / name), "-o", str(tmp_path / "again.csv")]) == 0
+        assert main(["convert", str(tmp_path / name), "-o", str(tmp_path / "again.csv"), "--force"]) == 0
         made = tmp_path / "made.yaml"
-        assert main(["convert", str(tmp_path / name), "--base", str(DEMO), "-o", str(made)]) == 0
+        assert main(["convert", str(tmp_path / name), "--base", str(DEMO), "-o", str(made), "--force"]) == 0
         assert load_design(made).fiducials.positions_mm[0] == (-25, -28, -70)

@@ -14,7 +14,7 @@ from shlex import quote
 from tailstack.errors import Problem
 
 from ..console.command_line import Answer, program, suggest
-from ..console.files import writable, write_and_tell
+from ..console.files import add_force, refuse_overwriting, writable, write_and_tell
 from ..operations.editors import write_document
 from ..problems import RequestError
 from ..shipped import example_folder, list_example_designs, list_examples, write_example
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="NEW", help="write it here, and beside it what it refers to (of a folder: a folder)"
     )
-    parser.add_argument("--force", action="store_true", help="overwrite files that are there")
+    add_force(parser)
 
 
 def run(arguments: argparse.Namespace) -> Answer:
@@ -80,11 +80,3 @@ def _write_folder(source: Path, target: Path, *, force: bool) -> str:
             shutil.copyfile(source / name, target / name)
         print(f"wrote {target / name}", file=sys.stderr)
     return ""
-
-
-def refuse_overwriting(paths: list[Path], *, force: bool) -> None:
-    """Raises RequestError if a file is there already."""
-    for path in paths:
-        if path.exists() and not force:
-            detail = f"{path} is there already"
-            raise RequestError(Problem("", "file-exists", detail, "give another name, or --force to overwrite it"))

@@ -18,7 +18,7 @@ from typing import Any
 from tailstack.errors import Problem, TailstackError
 
 from ..console.command_line import Answer, number, program, read_number, suggest, whole
-from ..console.files import writable
+from ..console.files import add_force, refuse_overwriting, writable
 from ..first_design import Wishes, design_text, show_value, start_lengths
 from ..operations.editors import write_document
 from ..problems import RequestError
@@ -99,13 +99,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         words = (question.words + default).replace("%", "%%")
         parser.add_argument(question.flag, type=question.read, metavar=question.metavar, help=words)
     parser.add_argument("-y", "--yes", action="store_true", help="ask nothing: what no flag says has its default")
-    parser.add_argument("--force", action="store_true", help="overwrite a file that is there")
+    add_force(parser)
 
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import check_design, load_design
-
-    from .example import refuse_overwriting
 
     to_stdout = arguments.file == "-"
     if not to_stdout:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Iterable, Iterator
@@ -114,6 +115,19 @@ def writable(name: str, endings: tuple[str, ...]) -> Path:
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
     return path
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """The flag of every command that writes a design."""
+    parser.add_argument("--force", action="store_true", help="overwrite files that are there")
+
+
+def refuse_overwriting(paths: Iterable[Path], *, force: bool) -> None:
+    """Raises RequestError, before the work, if a file is there already that somebody may have written."""
+    for path in paths:
+        if path.exists() and not force and not is_stream(str(path)):
+            detail = f"{path} is there already"
+            raise RequestError(Problem("", "file-exists", detail, "give another name, or --force to overwrite it"))
 
 
 def keep_inputs(output: str, inputs: Iterable[str]) -> None:

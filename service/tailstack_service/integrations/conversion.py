@@ -20,7 +20,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results.record import Published
 
 from ..console.command_line import Answer, read_design, read_number
-from ..console.files import keep_inputs, writable
+from ..console.files import add_force, keep_inputs, refuse_overwriting, writable
 from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
 from ..documents import to_json
 from ..first_design import Beads, design_of_beads, design_of_shots
@@ -411,6 +411,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
     )
+    add_force(parser)
     parser.add_argument("--base", metavar="DESIGN", help="design whose fiducials, or views, are those of IN then")
     add_flags(parser, StepOptions)
     cage = parser.add_argument_group(CAGE)
@@ -432,6 +433,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     source, *others = map(Path, arguments.design)
     keep_inputs(arguments.output, arguments.design)
     target = writable(arguments.output, (*FORMATS, *DOCUMENTS))
+    refuse_overwriting([target], force=arguments.force)
     base = None if arguments.base is None else read_design(arguments.base)
     options = read_options(FileOptions, given, ())
     text = None if base is None else own_text(base)
@@ -439,7 +441,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
     more = tuple((read_source_file(file), file.name) for file in others)
     wish = Wish(read_source_file(source), source.name, target.name, options, base, text, more, references)
     made = convert_wish(wish, DEFAULT_LIMITS, source.parent)
-    files = {target: made.text, **_write_references(arguments, source, target, made)}
+    beside = _write_references(arguments, source, target, made)
+    refuse_overwriting(beside, force=arguments.force)
+    files = {target: made.text, **beside}
     for note in made.notes:
         print(f"note: {note}", file=sys.stderr)
     for file, content in files.items():

@@ -18,6 +18,7 @@ from tailstack.errors import NotConvergedError
 from tailstack.results import Optimisation
 
 from ..console.command_line import INTERRUPTED, Answer, add_design, exit_code_of, program, read_design
+from ..console.files import add_force
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..documents import to_json
@@ -124,6 +125,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
     words = "with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers"
     parser.add_argument("--fiducials-out", metavar="FILE", help=words)
+    add_force(parser)
     add_flags(parser, OptimisationOptions)
 
 

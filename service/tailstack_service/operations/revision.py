@@ -26,7 +26,7 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results import Optimisation
 from tailstack.results.json_text import write_json
 
-from ..console.files import is_stream, writable, write_and_tell
+from ..console.files import is_stream, refuse_overwriting, writable, write_and_tell
 from ..problems import RequestError
 from .editors import write_document
 
@@ -42,8 +42,9 @@ class OutputFiles:
 
 
 def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
-    """Raises RequestError for a file that cannot be written, before any work."""
+    """Raises RequestError for a file that cannot be written, or is there without ``--force``, before any work."""
     design = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
+    refuse_overwriting([] if design is None else [design], force=arguments.force)
     if (name := arguments.fiducials_out) is None:
         return OutputFiles(design, None)
     if not name.lower().endswith(FIDUCIALS):
@@ -55,6 +56,7 @@ def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
     if not fiducials.parent.resolve().is_relative_to(design.parent.resolve()):
         detail = f"a design refers to files in or below its own folder; {name} is not below that of {design}"
         raise RequestError(Problem("", "file-refused", detail, f"--fiducials-out {design.parent / fiducials.name}"))
+    refuse_overwriting([fiducials], force=arguments.force)
     return OutputFiles(design, fiducials)
 
 
