@@ -9,9 +9,11 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from optimisation_scenes import bare_result, full_result, tolerance, verification
+from service_scenes import EXAMPLES
 
 from plain_data import DEMO, replaced
 from tailstack.design import load_design
@@ -404,6 +406,19 @@ def test_what_each_unit_keeps_is_not_set_beside_what_all_together_do() -> None:
 def test_an_allocation_says_by_what_it_counts_which_half_width_moved_most() -> None:
     found = allocate(load_design(DEMO))
     assert f"; counted at the tool, {found.moved_most} moved most." in allocation_document(found, "0" * 64).sentence
+
+
+def test_the_headline_names_the_fit_that_has_most_of_the_variance() -> None:
+    """A fit has no half-width to be made a tenth less: the step was then that of a source of a few per cent."""
+    data = yaml.safe_load((EXAMPLES / "dowelled_seat.yaml").read_text(encoding="utf-8"))
+    data["interfaces"]["structure_connector"]["features"][1] |= {"fit": "H11/d11", "diameter_mm": 120}
+    record = score(load_design(data), losses=False)
+    (first, *_) = sources_of(record.targets[0], "tcp")
+    assert (first.line.name, first.tenth_mm, first.largest.component) == ("structure_connector", None, "pin 1 fit")
+    text = " ".join(OPERATIONS["score"].write(record).split())
+    without = f"without, P95 would be {first.largest.p95_without_mm:.3f} mm."
+    assert f"28 % of the variance is of carrier on a ground face and two dowel pins pin 1 fit: {without}" in text
+    assert "tighter by a tenth" not in text
 
 
 def test_an_error_of_hundreds_of_millimetres_is_not_advised_a_tenth_tighter() -> None:

@@ -225,11 +225,17 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
     else:
         share = f" ({in_percent(-spare / check.value)})" if check.value else ""  # none of the shots drawn may be beyond
         first = f"{what} has to come down by {length(-spare, decimals)} {check.unit}{share} to pass for certain"
-    steps = [source for source in sources if source.tenth_mm is not None]
-    if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool
+    if check.error != "tcp" or not sources:  # the budget's slopes are of the error at the tool
         return first + "."
-    best = max(steps, key=lambda source: source.tenth_mm or 0.0)
     pooled = "" if check.min_yield is None else " over all units"
+    if sources[0].tenth_mm is None and sources[0].share > 0:  # of a seat as drawn: its fit is no half-width
+        part = sources[0].largest
+        without = f"P95{pooled} would be {length(part.p95_without_mm, decimals)} mm"
+        share = in_percent(part.variance_share)
+        return f"{first}; {share} of the variance is of {budget_line(part)}: without, {without}."
+    best = max(sources, key=lambda source: source.tenth_mm or 0.0)
+    if best.tenth_mm is None:
+        return first + "."
     return f"{first}; {best.name}, tighter by a tenth, lowers P95{pooled} by {saving(best.tenth_mm, decimals)} mm."
 
 
@@ -285,6 +291,7 @@ class ErrorSource:
     line: Contributor  # of the whole source
     share: float  # of the variance of the error that is asked about
     tenth_mm: float | None  # by how much P95 falls where all of it is tighter by a tenth, first order
+    largest: Contributor  # its component with most of the variance, or the source where it has none
 
     @property
     def name(self) -> str:
@@ -315,7 +322,8 @@ def sources_of(target: TargetScore, error: str) -> list[ErrorSource]:
     for total, components in group(target.contributors):
         if (key := (total.name, total.law == "known")) in shares:
             share = total.variance_share if error == "tcp" else shares[key]
-            sources.append(ErrorSource(with_width(total, components), share, tenth_of(components or (total,))))
+            parts = components or [total]
+            sources.append(ErrorSource(with_width(total, components), share, tenth_of(parts), parts[0]))
     return sorted(sources, key=lambda source: source.share, reverse=True)
 
 

@@ -646,10 +646,13 @@ def heading_of(total: Contributor) -> str:
 
 
 def tenth_of(lines: Sequence[Contributor]) -> float | None:
-    """By how much P95 falls, mm, where these components are tighter by a tenth; None: none of them can be."""
-    steps = [line.dp95_per_unit * line.half_width / 10 for line in lines
-             if line.dp95_per_unit is not None and line.half_width]  # fmt: skip
-    return sum(steps) if steps else None
+    """By how much P95 falls, mm, where these components are tighter by a tenth; None: none of them can be, or one has
+    no half-width of its own, as the fit of a pin, and would be left out.
+    """
+    slopes = [line.dp95_per_unit for line in lines]
+    if None in slopes or not any(line.half_width for line in lines):
+        return None
+    return sum(line.slope * (line.half_width or 0.0) / 10 for line in lines)
 
 
 def with_width(line: Contributor, components: Sequence[Contributor]) -> Contributor:
