@@ -95,6 +95,20 @@ def test_what_comes_next_is_said_once(call: Any) -> None:
     assert "\nnext: mend it, then tailstack validate law.yaml " in call("validate", "law.yaml")[2]
 
 
+def test_a_design_without_a_section_optimise_is_told_to_add_it_by_all_that_need_it(call: Any) -> None:
+    """``validate``, which allocate named, finds nothing wrong with it."""
+    data = yaml.safe_load((EXAMPLES / "dowelled_seat.yaml").read_text(encoding="utf-8"))
+    data["requirements"][0]["limit_mm"] = 0.1
+    Path("seat.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    assert "once a section `optimise` says what may change" in " ".join(
+        call("score", "seat.yaml", "--no-losses")[1].split()
+    )
+    for verb in ("optimise", "allocate"):
+        said = call(verb, "seat.yaml")[2]
+        assert "hint: add optimise with" in said
+        assert f"\nnext: mend it, then tailstack {verb} seat.yaml " in said
+
+
 # --- the same of many -------------------------------------------------------------------------------------
 
 

@@ -37,7 +37,7 @@ NEXT_OF_FILE = {
     "schema-file": "tailstack init   (makes a first design; tailstack example prints others)",
 }
 
-# validate does not look at what the optimiser is asked for, and has itself just been called
+# validate does not look at what optimise and allocate are asked for, and has itself just been called
 SAME_AGAIN = "mend it, then tailstack {verb} {file}   (all rules: tailstack schema design)"
 NO_DESIGN = "tailstack init   (makes a first design; tailstack example prints others)"
 
@@ -78,7 +78,7 @@ def next_command(error: TailstackError, arguments: argparse.Namespace) -> str:
         designs = [given] if isinstance(given, str) else given
         is_design = arguments.verb != "convert" and any(problem.file in designs for problem in error.problems)
         command = NO_DESIGN if is_design else "tailstack {verb} --help"
-    elif error.slug == "invalid-design" and arguments.verb in ("optimise", "validate"):
+    elif error.slug == "invalid-design" and arguments.verb in ("optimise", "allocate", "validate"):
         command = SAME_AGAIN
     elif arguments.verb == "convert" and not file.endswith((".yaml", ".yml", ".json")):
         command = "tailstack {verb} --help"

@@ -258,7 +258,8 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
             return f"It was not asked for: leave `optimise.requirement` out, or name {check.requirement} there."
         return "The simulation has the last word: give the optimiser more freedom, or change the limit."
     if check.status == "fail":
-        return "`tailstack optimise` looks for the cheapest design that keeps it."
+        needs = "once a section `optimise` says what may change"  # of which a record knows nothing
+        return f"`tailstack optimise` looks for the cheapest design that keeps it, {needs}."
     if check.status == "pass":
         return ""
     if check.open_because == UNBOUNDED:
