@@ -36,6 +36,7 @@ in its clearance no process holds.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from math import ceil, cos, pi, sin, sqrt
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -52,6 +53,10 @@ MOTIONS = 6
 ROUND = (
     "a round clearance or zone is taken for independent laws along and across it, of its own spread and reach; on "
     "the diagonal they reach up to 41 % further than it does (bounded: 8 %, in between)"
+)
+PRESSED = (
+    "interference is not modelled: state sizes that leave a clearance, as H7/g6 does; a pin that is pressed in has no "
+    "play: hole_mm: [0, 0], pin_mm: [0, 0]"
 )
 _Zone = Annotated[float, Field(ge=0, le=10), SEAT_MM]
 _Size = Annotated[float, Field(gt=0, le=1e4), AnySize("of a part, as it is drawn")]
@@ -255,16 +260,28 @@ class FittedFeature(_Feature):
         try:
             hole, pin = self.limits
         except ValueError as error:
-            cure = "or state hole_mm and pin_mm, as the standard's table has them"
+            pressed = re.search(r"/\s*[kn-z]|^\s*[KMNP-Z]", self.fit or "")
+            cure = PRESSED if pressed else "or state hole_mm and pin_mm, as the standard's table has them"
             raise refusal("unknown-fit", str(error), cure, "fit") from None
+        self._refuse_sizes()
         if hole.lower < pin.upper:
             detail = f"the pin may be larger than the hole: {_say(pin)} in {_say(hole)}"
-            cure = "interference is not modelled: state sizes that leave a clearance, as H7/g6 does"
-            raise refusal("interference", detail, cure, "pin_mm" if self.fit is None else "fit")
+            raise refusal("interference", detail, PRESSED, "pin_mm" if self.fit is None else "fit")
         if self.at_maximum_material and self.true_position_mm is None:
             detail = "at_maximum_material is read only with true_position_mm"
             raise refusal("unused-field", detail, "state the zone, or leave this out", "at_maximum_material")
         return self
+
+    def _refuse_sizes(self) -> None:
+        """Sizes where deviations belong: half the diameter and more is none."""
+        nominal = self.diameter_mm
+        for field, limits in (("hole_mm", self.hole_mm or ()), ("pin_mm", self.pin_mm or ())):
+            far = [value for value in limits if abs(value) > nominal / 2]
+            if far:
+                detail = f"{far[0]:g} mm is no deviation from a diameter of {nominal:g} mm"
+                beyond = ", ".join(f"{value - nominal * (value in far):.6g}" for value in limits)
+                cure = f"[upper, lower] from the nominal diameter: {field}: [{beyond}]"
+                raise refusal("out-of-range", detail, cure if min(far) > 0 else cure.partition(":")[0], field)
 
     @property
     def limits(self) -> tuple[Deviations, Deviations]:
