@@ -215,4 +215,6 @@ def test_values_of_a_drawing_come_back_as_a_table_and_in_words(
     seats = yaml.safe_load(target.read_text(encoding="utf-8"))["interfaces"].values()
     assert [feature["fit"] for feature in next(iter(seats))["features"][1:]] == [after] * 2
     assert [{"origin", "drawing"} & seat.keys() for seat in seats] == [set(), set()]
-    assert f"pin 1 fit, pin 2 fit H7/g6 → {after}" in " ".join(OPERATION.write(result).split())
+    text = " ".join(OPERATION.write(result).split())
+    assert f"pin 1 fit, pin 2 fit H7/g6 → {after}" in text
+    assert "its ± is √3 standard deviations of what the play or zone gives" in text

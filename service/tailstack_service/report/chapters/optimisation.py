@@ -262,7 +262,8 @@ def _say_redrawn(optimisation: Optimisation) -> Iterator[str]:
     changed = [f"{each.label} {each.before_drawn} → {each.grade}" for each in drawn if each.grade != each.before_drawn]
     kept = [f"{each.label} stays {each.grade}" for each in drawn if each.grade == each.before_drawn]
     if drawn:
-        yield f"{'; '.join([*changed, *kept])}."
+        spread = "its ± is √3 standard deviations of what the play or zone gives, as if that were uniform"
+        yield f"{'; '.join([*changed, *kept])}. Of each, {spread}."
 
 
 def changes_csv(optimisation: Optimisation) -> str:
