@@ -253,6 +253,9 @@ def test_what_moving_buys_is_what_the_optimiser_finds_without_it() -> None:
     moves = result.moves
     assert (told.moves.alone, told.moves.needed, told.moves.evaluations) == ((), (), 0)
     assert "fewest_moves: true" in told.moves.sentence
+    assert (
+        "is, as the search approximates it before its check, " in told.moves.sentence
+    )  # the cost that holds is another
     assert (result.cost_after, positions(result.design)) == (told.cost_after, positions(told.design))
     left = optimised(document(6, **moving(box=None, min_spacing_mm=None)))
     assert moves.objective_left == pytest.approx(left.cost_closed_form, rel=1e-4)

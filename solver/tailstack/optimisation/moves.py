@@ -53,8 +53,8 @@ def value_moves(
         return MovesValue(None, moved, (), (), None, 0, words)
     what = "the largest part of a limit" if problem.objective == "quantile" else "the cost"
     words = (
-        f"with everything else optimised alike, {what} is {left:.4g} where the fiducials stand and {moved:.4g} where "
-        f"they are moved to ({percent_change(left, moved)})"
+        f"with everything else optimised alike, {what} is, as the search approximates it before its check, "
+        f"{left:.4g} where the fiducials stand and {moved:.4g} where they are moved to ({percent_change(left, moved)})"
     )
     if left - moved <= NOTHING * left:
         return MovesValue(left, moved, (), (), None, 0, f"{words}: moving buys next to nothing.")
