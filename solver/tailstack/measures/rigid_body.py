@@ -8,7 +8,7 @@ from __future__ import annotations
 from .measure import Measure, Measured, Site, Sites
 
 FITTED = "of the rigid motion that fits the points of a body"
-FARTHEST = "it is that of the point farthest from the centroid, and the largest is no less"
+FARTHEST = "it is that of the point farthest from the centroid, and the largest is no less: another may have more"
 AGAINST = "what both bodies have in common cancels in the estimate"
 
 
