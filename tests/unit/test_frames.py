@@ -61,6 +61,7 @@ def test_registration_is_the_least_squares_of_named_points(tmp_path: Path, count
     np.testing.assert_allclose(found.fiducials.positions_mm, expected, rtol=0, atol=1e-6)
     (note,) = found.fiducials.notes
     assert f"registration to {count} of them: {left / np.sqrt(count):.3g} mm are left" in note
+    assert ("a file with an axis reversed would fit as well" in note) == (count == 3)
     worst = np.linalg.norm(expected[:count] - wanted, axis=1)
     assert f"most at {LABELS[int(worst.argmax())]}, {worst.max():.3g} mm" in note
     alone = load_design(design_to_data(found))

@@ -60,6 +60,7 @@ DECIMALS = 6  # of positions in mm: the last digits of a decomposition are those
 ON_A_LINE = 1e-3  # of the spread of points: what they have across a line, below which a turn about it is not known
 _Named = tuple[str, tuple[float, float, float]]  # label and position
 LEAST_NOISE = 1e-6  # of a direction without noise, as a part of what there is: gains per px are asked of every one
+FLAT = "; a file with an axis reversed would fit as well: name a point off the plane of these"
 STRETCHED = 0.1  # by which two sets of points may differ in size before they are not the same
 
 
@@ -122,6 +123,8 @@ def _register(wanted: Sequence[NamedPoint], read: FiducialList, remarks: list[st
     remarks.append(
         f"its points were carried to con by registration to {len(wanted)} of them: {_rms(left):.3g} mm are left, root "
         f"mean square, most at {wanted[worst].label}, {float(np.linalg.norm(left[worst])):.3g} mm"
+        + FLAT
+        * bool(np.linalg.norm(mirrored) < 2 * np.linalg.norm(left) + 1e-6)
     )
     return matrix
 
