@@ -94,7 +94,7 @@ def test_flags_of_step_files_are_refused_for_others(tmp_path: Path, refused: Any
     assert "frame is for STEP files" in refused("convert", str(beads), "--frame", "CON", "-o", str(tmp_path / "d.yaml"))
     assert "would overwrite a file that is read" in refused("convert", str(beads), "-o", str(beads))
     assert main(["convert", str(beads), "-o", str(tmp_path / "d.csv")]) == 0
-    assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.19999999999999"
+    assert (tmp_path / "d.csv").read_text(encoding="utf-8").splitlines()[1] == "A,25.4,50.8,76.2"
 
 
 def test_the_drawing_of_a_seat_goes_into_a_design_with_its_comments(tmp_path: Path, call: Any, refused: Any) -> None:

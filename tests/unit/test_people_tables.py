@@ -143,7 +143,7 @@ def test_beads_are_named_and_units_stated_in_many_ways() -> None:
     assert split_heading("trial no") == ("trial no", "")
     # closed form: an inch is 25.4 mm; - and 1 are what a column without a unit has.
     rows = "label;x;y;z\n-;in;in;in\nA;1,5;2;3\n"
-    assert read(rows).positions_mm == ((1.5 * 25.4, 2 * 25.4, 3 * 25.4),)
+    assert read(rows).positions_mm == ((38.1, 50.8, 76.2),)
     measured = read_measurements(f"{rows.replace('label', 'trial')}B;1;2;3\nC;1;2;4\n".encode(), ("tip",), "b.csv")
     assert measured.groups[0].values_mm[0].tolist() == [1.5 * 25.4, 2 * 25.4, 3 * 25.4]
 

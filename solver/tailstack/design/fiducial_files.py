@@ -203,8 +203,12 @@ def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tu
         if not _is_name(label):
             detail = f"a label has at most 80 characters and no control characters; got {show(label)}"
             raise refuse(name, None, "bad-label", detail, "rename it in the file")
-    # adding 0.0 turns -0.0 into 0.0
-    points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in table.rows)
+
+    def in_mm(value: float, factor: float) -> float:
+        """Without the last digit, which a product of decimals has of its own, and without a negative zero."""
+        return float(f"{factor * value:.15g}") + 0.0 if scale != 1 else factor * value + 0.0
+
+    points = tuple((in_mm(x, flip * scale), in_mm(y, flip * scale), in_mm(z, scale)) for _, (x, y, z) in table.rows)
     for label, point in zip(labels, points, strict=True):
         if max(map(abs, point)) > 1e5:
             raise refuse(name, None, "out-of-range", f"{label} lies more than 100 m away: {list(point)} mm")
