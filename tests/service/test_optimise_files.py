@@ -200,6 +200,13 @@ def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple
     assert load_design(made).sha256 == moved.sha256
 
 
+def test_where_nothing_is_to_change_no_command_writes_a_new_design(call: Any, room: Path, found: Found) -> None:
+    found(load_design(room / "demo.yaml"), Revision())
+    out = call("optimise", room / "demo.yaml")[1]
+    assert f"\nnothing to change in {room / 'demo.yaml'}" in out
+    assert out.endswith(f"\nnext: tailstack verify {room / 'demo.yaml'}\n")
+
+
 def test_values_of_a_drawing_come_back_as_a_table_and_in_words(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -140,8 +140,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
     result, stopped = outcome
     write_results(design, result, files)
     code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
-    if files.design is not None:
-        following = f"next: {program()} verify {quote(str(files.design))}"
+    changes = "" if files.design is not None else patch_text(design, result)
+    if files.design is not None or not changes:
+        following = f"next: {program()} verify {quote(str(files.design or arguments.design))}"
     else:
         following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
     if arguments.json:
@@ -153,7 +154,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     patch = ""
     if files.design is None:
         name = design.source.file or "the design"
-        if changes := patch_text(design, result):
+        if changes:
             patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{changes}\n"
         else:
             patch = f"\nnothing to change in {name}: it is what the search came to.\n"
