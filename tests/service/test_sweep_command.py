@@ -55,6 +55,18 @@ def test_points_that_are_open_are_told_from_those_that_miss(call: Any, tmp_path:
     assert "0 of 2 points keep their requirements; 1 is open: neither kept nor missed for certain." in text
 
 
+def test_the_verdict_of_a_point_stands_beside_its_p95_and_not_beside_the_last_measure(
+    call: Any, tmp_path: Path
+) -> None:
+    design = small_design()
+    design["requirements"] = [{"name": axis, "error": axis, "limit_mm": 1} for axis in "xyz"]
+    path = write_json(tmp_path / "design.json", design)
+    text = call("sweep", str(path), "--set", "views.*.fiducial_noise_px=0.3,3")[1]
+    heads = [line for line in text.splitlines() if line.startswith("point ")]
+    assert ["verdict" in line for line in heads] == [True] + [False] * (len(heads) - 1)
+    assert len(heads) > 1
+
+
 def test_the_table_holds_every_point_and_why_some_were_refused(call: Any) -> None:
     text = call("sweep", DEMO, "--set", f"{RZ}=0.15,-1,0.3", "--set", "views.*.target_noise_px=0.1,0.3")[1]
     assert max(map(len, text.splitlines())) <= 100
