@@ -67,7 +67,7 @@ def test_an_existing_file_keeps_everything_but_the_numbers_that_were_asked_for_a
     """The optimiser's own answer, in each example; what a terminal shows of it is read off its record."""
     new = room / path.name  # the design itself
     before = new.read_text(encoding="utf-8")
-    code, out, _ = call("optimise", new, "-o", new, "--force", "--starts", "1", "--json")
+    code, out, _ = call("optimise", new, "-o", new, "--starts", "1", "--json")
     assert code in (0, 1, 4)
     after = new.read_text(encoding="utf-8")
     record = read_record("optimisation", out.encode())
@@ -113,7 +113,7 @@ def test_a_design_without_labels_gets_none(call: Any, room: Path, found: Found) 
     points[2][0] = 12.5
     moved = found(design, Revision(fiducials_mm=np.array(points)))
     before = path.read_text(encoding="utf-8")
-    assert call("optimise", path, "-o", path, "--force")[0] == 0
+    assert call("optimise", path, "-o", path)[0] == 0
     after = path.read_text(encoding="utf-8")
     assert lines_that_differ(before, after) == ["    - { position_mm: [-36.0, 27.0, -6.0] }"]
     assert "    - { position_mm: [12.5, 27.0, -6.0] }" in after
@@ -138,7 +138,7 @@ def beside(room: Path, found: Found) -> tuple[Path, Any]:
 def test_a_file_of_fiducials_is_not_lost_without_asking(call: Any, beside: tuple[Path, Any]) -> None:
     path, _ = beside
     before = path.read_bytes()
-    code, out, err = call("optimise", path, "-o", path, "--force")
+    code, out, err = call("optimise", path, "-o", path)
     assert (code, out) == (2, "")
     assert "has its fiducials in fiducials/marker8.csv, and they are to move" in err
     assert "hint: --fiducials-out " in err
@@ -149,7 +149,7 @@ def test_a_file_of_fiducials_is_not_lost_without_asking(call: Any, beside: tuple
 def test_new_fiducials_are_written_beside_the_design_on_request(call: Any, beside: tuple[Path, Any], name: str) -> None:
     path, moved = beside
     before = path.read_text(encoding="utf-8")
-    code, _, err = call("optimise", path, "-o", path, "--force", "--fiducials-out", path.parent / name)
+    code, _, err = call("optimise", path, "-o", path, "--fiducials-out", path.parent / name)
     assert code == 0
     assert f"wrote {path.parent / name}\nwrote {path}\n" in err
     after = path.read_text(encoding="utf-8")
@@ -163,7 +163,7 @@ def test_the_old_file_stays_named_where_no_fiducial_moved(call: Any, room: Path,
     path.write_text(text + "\noptimise:\n  rotation_bounds: { min_deg: 0.01, max_deg: 1 }\n", encoding="utf-8")
     loose = found(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.005}))
     before = path.read_text(encoding="utf-8")
-    assert call("optimise", path, "-o", path, "--force")[0] == 0
+    assert call("optimise", path, "-o", path)[0] == 0
     assert len(lines_that_differ(before, path.read_text(encoding="utf-8"))) == 1
     assert load_design(path).sha256 == loose.sha256
 

@@ -122,9 +122,14 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite files that are there")
 
 
-def refuse_overwriting(paths: Iterable[Path], *, force: bool) -> None:
-    """Raises RequestError, before the work, if a file is there already that somebody may have written."""
+def refuse_overwriting(paths: Iterable[Path], *, force: bool, own: str | None = None) -> None:
+    """Raises RequestError, before the work, if a file is there already that somebody may have written.
+
+    own: the design that is read, which is changed in place where the same file is named for the new one.
+    """
     for path in paths:
+        if own is not None and os.path.realpath(path) == os.path.realpath(own):
+            continue
         if path.exists() and not force and not is_stream(str(path)):
             detail = f"{path} is there already"
             raise RequestError(Problem("", "file-exists", detail, "give another name, or --force to overwrite it"))

@@ -433,7 +433,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     source, *others = map(Path, arguments.design)
     keep_inputs(arguments.output, arguments.design)
     target = writable(arguments.output, (*FORMATS, *DOCUMENTS))
-    refuse_overwriting([target], force=arguments.force)
+    refuse_overwriting([target], force=arguments.force, own=arguments.base)
     base = None if arguments.base is None else read_design(arguments.base)
     options = read_options(FileOptions, given, ())
     text = None if base is None else own_text(base)

@@ -42,9 +42,10 @@ class OutputFiles:
 
 
 def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
-    """Raises RequestError for a file that cannot be written, or is there without ``--force``, before any work."""
+    """Raises RequestError for a file that cannot be written, or is another's and there without ``--force``, before
+    any work."""
     design = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
-    refuse_overwriting([] if design is None else [design], force=arguments.force)
+    refuse_overwriting([] if design is None else [design], force=arguments.force, own=arguments.design)
     if (name := arguments.fiducials_out) is None:
         return OutputFiles(design, None)
     if not name.lower().endswith(FIDUCIALS):
