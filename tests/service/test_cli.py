@@ -181,7 +181,7 @@ def test_the_precision_of_p95_is_not_that_of_a_rarer_quantile(call: Any, tmp_pat
     (low, high), p95 = shown["targets"][0]["p95_interval_mm"], shown["targets"][0]["p95_mm"]
     known, rare = 50 * (high - low) / p95, 100 * shown["precision_reached"]
     assert rare > 2 * known
-    words = f"P95 is known to ± {known:.2f} %, the quantiles that requirements name to ± {rare:.2f} %"
+    words = f"P95 is known to ± {known:.2f} %, what requirements ask for to ± {rare:.2f} %"
     assert words in " ".join(out.split())
 
 

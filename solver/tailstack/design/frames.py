@@ -120,11 +120,11 @@ def _register(wanted: Sequence[NamedPoint], read: FiducialList, remarks: list[st
         cure = "one of both is left-handed: check the signs of its axes, and whether the file is RAS or LPS"
         raise DesignError(Problem(pointer, "not-rigid", f"{detail} {_rms(left):.3g} mm", cure))
     worst = int(np.linalg.norm(left, axis=1).argmax())
+    fits_mirrored = np.linalg.norm(mirrored) < 2 * np.linalg.norm(left) + 1e-6
     remarks.append(
         f"its points were carried to con by registration to {len(wanted)} of them: {_rms(left):.3g} mm are left, root "
         f"mean square, most at {wanted[worst].label}, {float(np.linalg.norm(left[worst])):.3g} mm"
-        + FLAT
-        * bool(np.linalg.norm(mirrored) < 2 * np.linalg.norm(left) + 1e-6)
+        f"{FLAT if fits_mirrored else ''}"
     )
     return matrix
 

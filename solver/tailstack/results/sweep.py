@@ -231,9 +231,8 @@ def points_table(sweep: Sweep) -> Table:
             "P95 as located", "mm", "fixed", decimals, brief="P95 as\nlocated, mm", of=of_target("localisation_p95_mm")
         ),
         *((Column("Worst target", on=TERMINAL, of=of_target("name")),) if several else ()),
-        Column(
-            "Verdict", kind="status", of=lambda row: row.point.verdict or "refused"
-        ),  # before what may be many tables
+        # before what may be many tables
+        Column("Verdict", kind="status", of=lambda row: row.point.verdict or "refused"),
         *(
             Column(f"P95 of {each.words}, {each.site}", each.unit, "fixed", 3, of=of_measure(k))
             for k, each in enumerate(next((point.measures for point in sweep.points if point.measures), ()))

@@ -75,7 +75,7 @@ def _precision_sentence(check: Verification) -> str:
     known = percent(check.precision_of_p95, 2)
     precise = f"P95 is known to ± {known} %"
     if percent(reached, 2) != known:
-        precise += f", the quantiles that requirements name to ± {percent(reached, 2)} % or better"
+        precise += f", what requirements ask for to ± {percent(reached, 2)} % or better"
     if wanted is not None and reached > wanted:
         precise += (
             f", not to the ± {percent(wanted, 2)} % that was wanted: {check.max_trials or 0:,} shots were the "
