@@ -30,10 +30,10 @@ def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(se
     """independent: the library's score, in this process."""
     from mcp import Client, StdioServerParameters  # here: every process that collects would wait a second for it
 
-    heard: list[float] = []
+    heard: list[tuple[float, float]] = []
 
     async def hear(progress: float, total: float | None, message: str | None) -> None:
-        heard.append(progress)
+        heard.append((progress, total or 0.0))
 
     async def record_of(client: Client, tool: str, arguments: dict[str, Any]) -> dict[str, Any]:
         result = await client.call_tool(tool, arguments, progress_callback=hear)
@@ -66,7 +66,8 @@ def test_an_assistant_scores_checks_and_optimises_a_design_and_meets_refusals(se
             assert json.loads(schema.text) == json_schema("design")
 
     anyio.run(meet, services().url)
-    assert {0.0, 1.0} <= {*heard}
+    assert heard  # of the optimisation at least, which takes seconds; how much of it between two looks is chance
+    assert all(0 <= done <= total for done, total in heard)
 
 
 def test_the_page_shows_a_configuration_that_starts_it() -> None:
