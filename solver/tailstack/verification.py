@@ -86,6 +86,7 @@ GAP = 0.03  # first order further than this from the check is remarked
 
 Method = Literal["plain", "radial"]
 Key = tuple[str, str]  # target, error
+Wanted = tuple[str, str, float]  # target, or the site of a measure that joins several; error; quantile
 Vertex = tuple[tuple[str, float], ...]
 T = TypeVar("T")
 
@@ -257,13 +258,11 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitsTask:
-    """The quantile over the shots of each installed unit, or of each mounting, of one error at one target."""
+    """Quantiles over the shots of each installed unit, or of each mounting, of errors at targets."""
 
-    plan: ChainPlan  # with ``shots_for`` the quantile per unit, at the level
+    plan: ChainPlan  # with ``shots_for`` each quantile per unit, at the level
     seed: int
-    target: str  # or the site of a measure that joins several
-    error: str
-    quantile: float
+    wanted: tuple[Wanted, ...]
     units: int = UNITS
     level: Drawn = Drawn.UNIT  # what is read by itself
     told: Callable[[int], None] | None = None  # called after every part with its trials
@@ -286,7 +285,7 @@ class Sampler(Protocol):
     then called again once it is."""
 
     def shards(self, task: TrialsTask) -> Iterable[Shard]: ...
-    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units, 2) mm
+    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units, W, 2) mm
     def radial(self, task: RadialTask) -> RadialEstimate: ...
 
 
@@ -328,22 +327,23 @@ def shots_for(quantile: float) -> int:
 
 
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
-    """(count, 2) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``, and by how
-    much those of the two halves of its shots differ."""
+    """(count, W, 2) mm: each wanted quantile over its shots of each of the units ``first`` ... ``first + count - 1``,
+    and by how much those of the two halves of its shots differ."""
     drawn = task.plan.shots_per_unit
     outcome = run_indices(task.plan, task.seed, first * drawn, count * drawn)
-    every = enumerate(task.plan.system.metrics)
-    k, site = next((k, each.site) for k, each in every if each.key == (task.target, task.error))
-    errors = measure_trials(task.plan, task.seed, first * drawn, outcome.errors)[k]
-    norms = norms_of(errors, site.is_one_sided).reshape(count, drawn)
+    errors = measure_trials(task.plan, task.seed, first * drawn, outcome.errors)
+    every = {each.key: (errors[k], each.site) for k, each in enumerate(task.plan.system.metrics)}
 
-    def quantiles(shots: Array) -> Array:
-        rank = ceil(shots.shape[1] * task.quantile) - 1
-        return np.asarray(np.partition(shots, rank, axis=1)[:, rank])
+    def read(target: str, error: str, quantile: float) -> Array:
+        found, site = every[target, error]
+        norms = norms_of(found, site.is_one_sided).reshape(count, drawn)
+        halves = norms[:, : drawn // 2], norms[:, drawn // 2 :]
+        ranks = ((shots, ceil(shots.shape[1] * quantile) - 1) for shots in (norms, *halves))
+        whole, first_half, second_half = (np.partition(shots, rank, axis=1)[:, rank] for shots, rank in ranks)
+        with np.errstate(invalid="ignore"):  # both may be without an answer
+            return np.column_stack([whole, first_half - second_half])
 
-    whole, first_half, second_half = map(quantiles, (norms, norms[:, : drawn // 2], norms[:, drawn // 2 :]))
-    with np.errstate(invalid="ignore"):  # both may be without an answer
-        return np.column_stack([whole, first_half - second_half])
+    return np.stack([read(*wanted) for wanted in task.wanted], axis=1)
 
 
 def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
@@ -555,29 +555,39 @@ def _sample_radially(work: Work) -> SampledDesign:
 
 
 def _sample_units(work: Work) -> UnitQuantiles:
-    """Where a requirement is on each unit, or on each mounting."""
-    ready, units = work.ready, work.sampling.units
-    tasks: list[tuple[tuple[Requirement, str], UnitsTask]] = []
+    """Where a requirement is on each unit, or on each mounting: whatever is of the same shots is read off them."""
+    ready, units, seed = work.ready, work.sampling.units, work.sampling.seed
+    at_each = [
+        ((requirement, name), (vertex, level, shots_for(requirement.quantile)))
+        for requirement in ready.system.requirements
+        if (level := requirement.level)
+        for name in requirement.targets
+        for vertex in ready.vertices[name, requirement.error]
+    ]
+    wanted: dict[tuple[Vertex, Drawn, int], dict[Wanted, None]] = {}
+    for (requirement, name), shots in at_each:
+        wanted.setdefault(shots, {})[name, requirement.error, requirement.quantile] = None
     done = 0
 
     def tell(trials: int) -> None:
         nonlocal done
         done += trials
         if work.progress:
-            work.progress(done, sum(units * task.plan.shots_per_unit for _, task in tasks))
+            work.progress(done, sum(units * shots for _, _, shots in wanted))
 
-    for requirement in ready.system.requirements:
-        for name in requirement.targets if requirement.level else ():
-            level = requirement.level or Drawn.UNIT
-            for vertex in ready.vertices[name, requirement.error]:
-                shots = shots_for(requirement.quantile)
-                plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=shots, held=level)
-                wanted = name, requirement.error, requirement.quantile, units, level, tell
-                tasks.append(((requirement, name), UnitsTask(plan, work.sampling.seed, *wanted)))
+    plans = [
+        compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=shots, held=level)
+        for vertex, level, shots in wanted
+    ]
+    tasks = [
+        UnitsTask(plan, seed, tuple(each), units, level, tell)
+        for plan, ((_, level, _), each) in zip(plans, wanted.items(), strict=True)
+    ]
+    found = dict(zip(wanted, gather(partial(work.sampler.unit_quantiles, task) for task in tasks), strict=True))
     own: UnitQuantiles = {}
-    results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
-    for (key, _), quantiles in zip(tasks, results, strict=True):
-        own.setdefault(key, []).append(quantiles)
+    for (requirement, name), shots in at_each:
+        place = list(wanted[shots]).index((name, requirement.error, requirement.quantile))
+        own.setdefault((requirement, name), []).append(found[shots][:, place])
     return own
 
 

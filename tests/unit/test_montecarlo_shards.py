@@ -158,7 +158,7 @@ class Slowly:
         ]
 
     def unit_quantiles(self, wanted: UnitsTask):
-        key = ("units", wanted.plan.vertex, wanted.target, wanted.error, wanted.quantile)
+        key = ("units", wanted.plan.vertex, wanted.plan.shots_per_unit, wanted.wanted)
         return self._of(key, lambda: np.concatenate([unit_quantiles(wanted, k, 512) for k in range(0, 2048, 512)]))
 
     def radial(self, wanted: RadialTask):

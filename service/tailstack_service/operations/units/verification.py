@@ -39,7 +39,6 @@ from tailstack.verification import (
     UnitsTask,
     prepare,
     radial_estimate,
-    shots_for,
     unit_quantiles,
     verify_prepared,
 )
@@ -76,11 +75,10 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
             spec["target"], spec["error"], spec["quantile"], seed, vertex, sampling_of(request).precision
         )
         return canonical(radial_estimate(ready, wanted)._asdict())
-    level = Drawn(spec.get("level", Drawn.UNIT)) if spec["what"] == "units" else None
-    shots = shots_for(spec["quantile"]) if level else 1
-    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), shots, level)
+    level = Drawn(spec["level"]) if spec["what"] == "units" else None
+    plan = _plan(canonical(request["design"]), tuple(spec["vertex"]), spec.get("shots", 1), level)
     if level:
-        units = UnitsTask(plan, seed, spec["target"], spec["error"], spec["quantile"], level=level)
+        units = UnitsTask(plan, seed, tuple(map(tuple, spec["wanted"])), level=level)
         return pack({}, [unit_quantiles(units, spec["first"], spec["count"])])
     return shard_to_bytes(
         compute_shard(TrialsTask(plan, seed, spec["first"], spec["stop"], spec["quantile"], True, ready.limits))
@@ -132,15 +130,17 @@ class RecordedSampler:
         return (shard_from_bytes(self.held[spec]) for spec in specs)
 
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
-        count = max(shard_trials(wanted.plan, wanted.seed) // wanted.plan.shots_per_unit, 1)
-        level = {} if wanted.level is Drawn.UNIT else {"level": wanted.level}
-        asked = _fields_of("units", wanted.plan.vertex, wanted) | level
+        shots = wanted.plan.shots_per_unit
+        count = max(shard_trials(wanted.plan, wanted.seed) // shots, 1)
+        asked = {"what": "units", "vertex": wanted.plan.vertex, "wanted": wanted.wanted, "shots": shots}
+        asked["level"] = wanted.level
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
         self._require(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
     def radial(self, wanted: RadialTask) -> RadialEstimate:
-        spec = canonical(_fields_of("radial", wanted.vertex, wanted))
+        fields = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
+        spec = canonical({"what": "radial", "vertex": wanted.vertex, **fields})
         self._require([spec])
         estimate = json.loads(self.held[spec])
         return RadialEstimate(**{**estimate, "interval_mm": tuple(estimate["interval_mm"])})
@@ -148,11 +148,6 @@ class RecordedSampler:
     def _require(self, specs: list[bytes], remaining: int = 0) -> None:
         if missing := [spec for spec in specs if spec not in self.held]:
             raise Pending(missing, remaining)
-
-
-def _fields_of(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:
-    fields = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
-    return {"what": what, "vertex": vertex, **fields}
 
 
 def _trials_spec(wanted: TrialsTask, first: int, stop: int) -> bytes:
