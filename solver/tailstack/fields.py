@@ -39,7 +39,7 @@ from .laws import LAWS, RANDOM
 from .laws import Distribution as Distribution
 from .ranges import COVERAGE, DIRECTION, IMAGE_PX, MATRIX, NOISE_PX, PIXEL_MM, PLACE_MM, TURN_DEG
 
-LENGTH = 1e5  # mm
+LEAST_LENGTH, LENGTH = 1e-6, 1e5  # mm
 # The interfaces of the chain, called everywhere as in the design document, in the order of the chain
 INTERFACES = ("structure_connector", "connector_flange")
 PARSING = Lock()  # two threads in ast.parse count their depth in one place, and it ends with a SystemError (gh-106905)
@@ -203,7 +203,7 @@ def one_of(kind: type[StrEnum]) -> Any:
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
-Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
+Length = Annotated[float, Field(ge=LEAST_LENGTH, le=LENGTH)]
 Distance = Annotated[float, Field(ge=1, le=LENGTH)]  # of a source
 PixelPitch = Annotated[float, Field(ge=1e-4, le=100), PIXEL_MM]
 HalfWidth = Annotated[float, Field(ge=0, le=1e3)]

@@ -224,6 +224,7 @@ REFUSALS: dict[str, tuple[Design, dict[str, Any], str, str]] = {
         example("demo"), {"locked": ["structure_connector", "connector_flange"]}, "not-allocated", "lock fewer",
     ),
     "a limit that is none": (example("demo"), {"limit": -1.0}, "out-of-range", "-1"),
+    "a limit that no length has": (example("demo"), {"limit": 1.4e308}, "out-of-range", "1.4e+308"),
     "missed fiducials, of each unit": (
         example("locators_321", fiducials__loss_probability=0.02), {}, "not-allocated", "of units at target 'centre'",
     ),

@@ -470,6 +470,12 @@ PROVOKED: dict[str, Data] = {
     "limit-out-of-reach, per unit": per_unit(0.9, limit_mm=0.1),
     "limit-out-of-reach, lost": document(8, 2.0, **moving(survive={"lost": 1, "limit_mm": 0.1})),
     "limit-out-of-reach, placement alone": document(8, 0.3, box=BOX, min_spacing_mm=12.0, objective="quantile"),
+    "cost-out-of-reach, dear": document(
+        limit_mm=5.0,
+        objective="quantile",
+        cost_limit=100.0,
+        rotation_bounds={"min_deg": 1e-4, "max_deg": 1e-3, "cost": {"curve": "reciprocal_square", "weight": 1e9}},
+    ),
     "cost-out-of-reach, placement": spending(100.0, box=BOX, min_spacing_mm=12.0),
 }
 # Hints that name a shape, a level or a requirement, not a number.
@@ -519,7 +525,7 @@ def obey_until_answered(provoked: Data) -> Optimisation:
     raise AssertionError(said)
 
 
-@pytest.mark.long(but=["cost-out-of-reach", "curve-underflows"])
+@pytest.mark.long(but=["cost-out-of-reach", "cost-out-of-reach, dear", "curve-underflows"])
 @pytest.mark.parametrize("name", PROVOKED)
 def test_what_a_hint_asks_for_is_enough(name: str) -> None:
     obey_until_answered(PROVOKED[name])

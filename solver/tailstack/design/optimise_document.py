@@ -384,7 +384,7 @@ class Optimise(Record):
     """cost: least cost within the limit. quantile: least quantile (P95) within cost_limit. scaling: one factor on all
     free half-widths, as large as the limit allows. pareto: least cost at a row of limits. Default cost, or quantile
     when no tolerance is free."""
-    cost_limit: Annotated[float, Field(gt=0, le=1e12), MONEY] | None = Field(default=None, examples=[2000])
+    cost_limit: Annotated[float, Field(gt=0, le=1e27), MONEY] | None = Field(default=None, examples=[2000])
     """objective: quantile with free tolerances only; what may be spent."""
     front: Front | None = None
     """objective: pareto only; which limits. Default nine."""

@@ -18,6 +18,7 @@ from ..design.compile import loss_probabilities
 from ..design.loading import locate_refusals
 from ..errors import DesignError, NotConvergedError, OutOfRangeError, Problem
 from ..estimation.checks import check_geometry
+from ..fields import LEAST_LENGTH, LENGTH
 from ..geometry.arrays import Array
 from ..losses import LossSearch, without_fiducials
 from ..propagation.linear import Chain, ErrorModel, chain_of, linearise_all
@@ -126,8 +127,9 @@ def _read(
         detail = f"{asked}, and the requirements of optimise are {', '.join(known) or 'none'}"
         which = f"say of which: requirement, on the command line --requirement {known[0]}" if known else "state one"
         raise DesignError(Problem("/requirements", "unknown-requirement", detail, which))
-    if limit is not None and not 0 < limit < np.inf:
-        raise DesignError(Problem("/requirements", "out-of-range", f"a limit is above 0; got {limit:g}", "say 1"))
+    if limit is not None and not LEAST_LENGTH <= limit <= LENGTH:
+        detail = f"a limit is from {LEAST_LENGTH:g} to {LENGTH:g}; got {limit:g}"
+        raise DesignError(Problem("/requirements", "out-of-range", detail, "say 1"))
     name = known[0] if len(known) == 1 else name
     wanted = request.problem.requirements
     if limit is not None:
