@@ -676,7 +676,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=sampled.precision_reached,
-        stopping=sampled.stopping + _explain_vertices(ready),
+        stopping=sampled.stopping + _explain_vertices(ready) + _say_units(ready, sampling.units),
         targets=targets,
         reprojection=Reprojection(len(off_px), float(off_px.mean()), float(np.quantile(off_px, P95))),
         first_order_ratio=worst.first_order_ratio,
@@ -749,6 +749,14 @@ def _explain_vertices(ready: PreparedDesign) -> str:
     return (
         f" First order cannot tell which of several vertices of the bounded components is worst, so {len(ready.plans)} "
         "were run; of each number the largest is told."
+    )
+
+
+def _say_units(ready: PreparedDesign, units: int) -> str:
+    """How many units or mountings were drawn for limits on each, and shots of it."""
+    limits = [(each.level.plural, shots_for(each.quantile)) for each in ready.system.requirements if each.level]
+    return "".join(
+        f" Besides, {units:,} {plural} of {shots:,} shots each were drawn." for plural, shots in dict.fromkeys(limits)
     )
 
 
