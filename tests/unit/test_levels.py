@@ -184,10 +184,10 @@ def test_units_that_are_alike_have_the_quantile_of_all_shots(monkeypatch: pytest
     rare = [ask(0.97 * p995, 0.1, 0.995), ask(1.03 * p995, 0.95, 0.995)]
     monkeypatch.setattr(verification, "MOST_SHOTS", 2**11)
     deep = [ask(0.9 * worst, 0.8, 0.9999), ask(1.5 * worst, 0.8, 0.9999)]
-    check = verify(replace(system, requirements=(*asked, *rare, *deep)), trials=2**18, seed=4)
-    assert check.stopping.endswith("2,048 units of 512 shots each were drawn. Besides, 2,048 units of 2,048 shots each "
+    found = verify(replace(system, requirements=(*asked, *rare, *deep)), trials=2**18, seed=4)
+    assert found.stopping.endswith("2,048 units of 512 shots each were drawn. Besides, 2,048 units of 2,048 shots each "
                                    "were drawn.")  # fmt: skip
-    checks = check.verdict.checks
+    checks = found.verdict.checks
     for check in checks[:6]:
         known = p95 if check.quantile == 0.95 else p995
         low, high = check.interval
